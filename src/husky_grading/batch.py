@@ -465,8 +465,9 @@ def run_there(packed: Tuple[Job, PackedPath]) -> Files:
         (folder / "hand_ins").mkdir()
         path = content.unpack(folder / "hand_ins")
         out = folder / "out" / Path(job.out).name
-        # Paths on this machine replace the paths in the job. The sandbox hides `folder`, because the
-        # result is there, and shows in it only the submission's own workspace and the folder of its run.
+        # Paths on this machine replace the paths in the job. The submission must not see its result, so the
+        # sandbox hides `folder`. The sandbox shows only two folders inside it: the submission's workspace and
+        # the folder of its run.
         run_program(replace(job, hand_in=str(path), out=str(out), hidden=(str(folder),)))
         files: Files = {}
         for file in walk(out, skipped=NOT_RETURNED):

@@ -208,6 +208,8 @@ def _full_name(topic: str) -> str:
 def _fits(display: str, message: Optional[str]) -> bool:
     """Return whether a display of markers shows messages of a type; True if the type is unknown (None).
 
+    The type is unknown if no node publishes the topic. A display of such a topic does no harm.
+
     The display rviz/Marker fits messages of type visualization_msgs/Marker; the same holds for MarkerArray.
     """
     return message is None or display.partition("/")[2] == message.partition("/")[2]

@@ -176,8 +176,9 @@ def open_items(out: Path) -> Review:
         )
     folder = folders.pop()
     for each in marked:
-        # `grade --all FOLDER` hides FOLDER from each submission. If the hidden FOLDER was itself the
-        # submission, the file marking.yaml in it is from a student, and not from the teacher.
+        # `grade --all FOLDER` writes FOLDER into `hidden`, because the sandbox hides the other submissions.
+        # If FOLDER is itself a package, it is also the only submission. Then the file marking.yaml in it is
+        # from a student, and not from the teacher.
         if each.job.hand_in in each.job.hidden:
             raise HuskyError(
                 f"{each.job.hand_in} is itself a package, so its {FILE} does not count; put the package into "

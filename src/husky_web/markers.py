@@ -71,11 +71,12 @@ def primitives(marker: Marker) -> List[Piece]:
             corners, colors_of_first_corners, lambda group: shapes.triangles(np.concatenate(group))
         )
     if kind in (Marker.CUBE_LIST, Marker.SPHERE_LIST):
-        # A copy of the shape at each point, stretched to the marker's size. `_by_color` draws nothing for the
-        # colours that are left after the first MAX_COPIES points.
+        # a copy of the shape at each of the first MAX_COPIES points, stretched to the marker's size
         unit = shapes.cube() if kind == Marker.CUBE_LIST else shapes.sphere()
         return _by_color(
-            points[:MAX_COPIES], colors, lambda group: shapes.copies(unit, size, np.array(group))
+            points[:MAX_COPIES],
+            colors[:MAX_COPIES],
+            lambda group: shapes.copies(unit, size, np.array(group)),
         )
     return []
 

@@ -245,8 +245,9 @@ def judge_calls(recording: Recording) -> List[Item]:
     if not effects:
         evidence = by_hand(f"{service}: the run ended before the effect of a call could be seen")
         return [replace(item, points=None, evidence=evidence) for item in (stop, start)]
-    # A restart is a call that repeats the value by which the robot has just stopped, and starts the robot. So
-    # its value is the value that stops the robot.
+    # Some services ignore the value of the request, and each call switches between standing and driving. Such
+    # a service shows itself when `grade` repeats the value that has just stopped the robot, because the
+    # second call starts the robot again. `restarts` has these second calls.
     effects, restarts = _take_out_repeats(effects)
     calls_while_driving = [effect for effect in effects if effect.drove_before]
     if calls_while_driving and not any(effect.stopped for effect in calls_while_driving):

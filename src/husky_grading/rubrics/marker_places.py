@@ -171,7 +171,8 @@ def _with_fault(
     # both
     identities = {(marker.topic, marker.namespace, marker.id) for marker in added}
     if len(identities) > 1:
-        # if most of the markers that came are right, points are lost only because RViz still draws older ones
+        # Half of the markers that RViz draws at a moment must be right (MOST). If half of the markers that
+        # came are right, points are lost only because RViz still draws older ones.
         are_most_right = len(wrong) <= (1.0 - MOST) * len(added)
         if fault is None and are_most_right:
             fault = Kind.OLD_ONES

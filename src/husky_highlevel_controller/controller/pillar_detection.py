@@ -271,8 +271,9 @@ def _silhouette(scan: Scan, config: PillarConfig, segment: Segment, circle: Circ
     # index of the beam that would point exactly to the circle's centre; it is usually not a whole number. The
     # x axis of `circle` points along the middle of the segment, so atan2 is the angle from there.
     centre = segment.middle + atan2(circle.y, circle.x) / segment.step
-    # number of beams that are checked on either side of `centre`. The last beam may miss the circle, so it
-    # only shows whether a nearer object hides the side of the circle.
+    # Number of beams that are checked on either side of `centre`: those within `half_angle`, and one more.
+    # The last one may miss the circle, so it cannot count as `missing`. It only shows whether a nearer object
+    # hides the side of the circle.
     half_width = half_angle / step + 1.0
     # [m] a beam hits the circle if its range differs from the expected range by at most this
     slack = HIT_SLACK * config.max_residual
