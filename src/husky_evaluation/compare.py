@@ -116,8 +116,14 @@ class Comparison:
         return Table(title, ("", "A", "B", "B - A, 95 % of the bootstrap"), rows)
 
     def result(self, margin: float, source: str) -> Result:
-        """Return the result: metrics, failures, every start, and the verdict."""
-        why, tables = self.worse(margin), [self.figures()]
+        """Return the result: metrics, failures, every start, and the verdict.
+
+        Args:
+            margin: part of A's mean time by which B may be slower, without being worse.
+            source: sentence with the machines, the versions, and a hash of the runs.
+        """
+        why = self.worse(margin)  # reason why B is worse; empty if it is not
+        tables = [self.figures()]
         rows = [(f"{a.scene}: only {letter} fails", a.summary, b.summary) for letter, a, b in self.failures]
         if rows:
             tables.append(Table("Starts at which only one fails", ("", "A", "B"), rows))

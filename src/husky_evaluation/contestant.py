@@ -179,13 +179,14 @@ def contestant(text: str, base: Setup, launch_kind: Optional[LaunchKind] = None)
     if not colon or not function.isidentifier():
         kinds = "FILE.yaml, FILE.py:FUNCTION, MODULE:FUNCTION or PACKAGE/FILE.launch"
         raise HuskyError(f"'{text}' is not a valid controller; give {kinds}")
-    if file_or_module.split(".")[0] in OURS:  # a module of this project, which each worker can import
+    if file_or_module.split(".")[0] in OURS:  # each worker can import the packages of this project
         made = FunctionContestant(text, base, function, module=file_or_module)
     else:
         # A worker may not have the user's file, so the text of the file is sent. The text may import other
         # files: those in the same folder, or by relative imports those in the same package.
         source, folder = _source(file_or_module)
         is_file = file_or_module.endswith(".py")
+        # package of a module, for its relative imports; a file has none
         package = "" if is_file else file_or_module.rpartition(".")[0]
         made = FunctionContestant(text, base, function, source=source, folder=folder, package=package)
     # loads the function now, so that a wrong contestant causes an error before the first run

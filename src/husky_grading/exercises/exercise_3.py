@@ -191,19 +191,27 @@ def _judge_short_way(item: Item, recording: Recording, first_gap: float, covered
         evidence = f"turns round {full_turns:.1f} times in {end:.2f} s and comes no nearer"
     else:
         evidence = f"comes only {max(covered, 0.0):.2f} m nearer, of the {first_gap:.2f} m to the pillar"
-    # A finding such as an exception in the node is the best explanation. Without such a finding, the
-    # explanation is a mistake in the steering, or the stop itself.
+    ending, hint = _explain_short_way(recording)
+    return replace(item, points=points, evidence=evidence + ending, at=at, hint=hint)
+
+
+def _explain_short_way(recording: Recording) -> Tuple[str, str]:
+    """Return why the robot probably does not come far, as an end of the evidence, and a hint.
+
+    A finding such as an exception in the node is the best explanation. Without such a finding, the
+    explanation is a mistake in the steering, or the stop itself.
+    """
     cause = cause_of_stop(recording)
     ending, hint, turns_away = _explain_steering(recording)
-    if cause and cause.kind is Kind.COMMANDS_CEASE and turns_away:
-        # Many nodes send no command while the pillar is out of sight. Here the robot has first turned away
-        # from the pillar, so the hint on the turns stays.
-        ending = as_ending(cause)
-    elif cause:
-        ending, hint = as_ending(cause), hint_on(cause)
-    elif _stands_since(recording) is not None and recording.driving.any() and not turns_away:
-        ending, hint = "", STOPS  # the robot has driven, and then has stood until the end
-    return replace(item, points=points, evidence=evidence + ending, at=at, hint=hint)
+    if cause is not None:
+        # Many nodes send no command while the pillar is out of sight. If the robot has first turned away from
+        # the pillar, the missing commands only follow from the turn, so the hint is the one on the turns.
+        only_follows = turns_away and cause.kind is Kind.COMMANDS_CEASE
+        return as_ending(cause), hint if only_follows else hint_on(cause)
+    has_stopped = _stands_since(recording) is not None and recording.driving.any()
+    if has_stopped and not turns_away:
+        return "", STOPS
+    return ending, hint
 
 
 def _explain_steering(recording: Recording) -> Explanation:

@@ -454,9 +454,11 @@ def _drive(
         twist = heading_twist(target.bearing, 0.0, control)
         return _Action(State.DRIVING, twist, "turning to the last position of the pillar")
 
-    # Free direction that is nearest to the direction of the pillar. In the pillar's own direction, the way
-    # need not be free beyond the stop point. In any other direction, LOOK_AHEAD must be free.
-    bearing = free_bearing(obstacles_in_base, target.bearing, min(LOOK_AHEAD, remaining), outline)
+    # Free direction that is nearest to the direction of the pillar, and equal to it if the way to the pillar
+    # is free. The way need not be free beyond the stop point. In any other direction, `free_bearing` checks
+    # the whole length LOOK_AHEAD.
+    length_to_pillar = min(LOOK_AHEAD, remaining)
+    bearing = free_bearing(obstacles_in_base, target.bearing, length_to_pillar, outline)
     if bearing is None:
         twist = Twist2D(0.0, control.search_rate)
         return _Action(State.DRIVING, twist, "turning to find a free way, because there is none ahead")

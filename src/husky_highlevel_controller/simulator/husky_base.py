@@ -72,6 +72,7 @@ class HuskyBase(Drive):
         The speeds are (left, right) [rad/s]. `dt` is the same as in the constructor, so it is not used here.
         """
         if self._step_count % self.steps == 0:  # a new period of the control loop begins
+            # `update` takes the last command, or STOP if it has expired, and limits its acceleration
             self._command_in_force = self.update(now, 1.0 / self._base.control_rate)
             limit = self._base.max_wheel_speed / self._config.wheel_radius  # [rad/s]
             self._target_speeds = scale_to_limit(*wheel_speeds(self._command_in_force, self._config), limit)
