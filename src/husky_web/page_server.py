@@ -82,8 +82,12 @@ def serve(host: str, port: int, on_message: OnMessage, on_leave: OnLeave) -> Tup
     Raises:
         HuskyError: the address is not an address of this machine.
     """
-    # without a token, only browsers of this machine may come, and only by these names of the machine
-    hosts, token = ((*LOOPBACK, host.lower()), None) if _is_loopback(host) else (None, _kept_token())
+    if _is_loopback(host):
+        # only browsers of this machine can come, so no token is needed; they may use only these names of it
+        hosts, token = (*LOOPBACK, host.lower()), None
+    else:
+        # other machines may use any name of this machine, but each of them needs the token
+        hosts, token = None, _kept_token()
     # viser warns if a page has left before a message reaches it, but this is normal
     warnings.filterwarnings("ignore", "Queued a .* on a closed connection")
     gate = Gate(hosts, token, on_message, on_leave)

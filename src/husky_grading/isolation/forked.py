@@ -74,6 +74,8 @@ class _Child:
         import_early()  # starts the process that forks the program, if it does not run yet
         read_end, write_end = os.pipe()  # pipe from the program's output to this process
         self.stdout = open(read_end, "rb", buffering=0)  # noqa: SIM115 - `Process._read` closes it
+        # The forked process can only get a Connection, and not the number of a pipe's end. The end is closed
+        # here after the start, because otherwise this process would never see the end of the output.
         with Connection(write_end) as output:
             arguments = (command, env, folder, output, handed)
             self._process = _CONTEXT.Process(target=_run, args=arguments, daemon=True)

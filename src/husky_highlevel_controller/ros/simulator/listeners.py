@@ -111,7 +111,7 @@ class Listeners:
 
     def _find_processes(self) -> None:
         """Find the processes that listen, if the connections have changed since the last call."""
-        topic_ports, clock_ports = _ports(self._publisher), _ports(self._clock)
+        topic_ports, clock_ports = _ports_of(self._publisher), _ports_of(self._clock)
         if topic_ports | clock_ports == self._ports:
             return
         self._ports = topic_ports | clock_ports
@@ -119,7 +119,7 @@ class Listeners:
         process_by_ports = _receiving_processes(self._ports)
         self._topic_receivers = {process_by_ports[ports] for ports in topic_ports & process_by_ports.keys()}
         self._clock_receivers = {process_by_ports[ports] for ports in clock_ports & process_by_ports.keys()}
-        # without a receiver, `asleep` cannot say that a controller sleeps, so this is false, too
+        # also false without a receiver, because then no controller is seen to sleep
         self._sees_all_receivers = bool(topic_ports) and topic_ports <= process_by_ports.keys()
         self._can_check_turns = COUNTS_TURNS and all(map(_in_python, process_by_ports.values()))
         for threads in self._processes.values():
@@ -196,7 +196,7 @@ class _Threads:
             os.close(file)
 
 
-def _ports(publisher: Any) -> Set[Ports]:
+def _ports_of(publisher: Any) -> Set[Ports]:
     """Return the ports of each connection of a publisher; the sockets are in private attributes of rospy."""
     pairs = set()
     for connection in list(publisher.impl.connections) if publisher else []:
