@@ -57,7 +57,7 @@ class Kind(Enum):
     MIRRORED = "mirrored"  # y has the wrong sign, so the marker is on the wrong side of the robot
     SWAPPED = "swapped"  # x and y are swapped
     Y_IS_ZERO = "y is zero"
-    WHOLE_METRES = "whole metres"  # coordinates have no decimals, so an int has probably cut them
+    WHOLE_METRES = "whole metres"  # no coordinate has decimals, probably because of an int variable
     OTHER_BEAM = "other beam"  # the distance is right, but the angle is wrong
     IN_BASE_LINK = "in base_link"  # the position is right for the lidar, but the frame is base_link
     NOT_A_NUMBER = "not a number"

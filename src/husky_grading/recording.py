@@ -153,7 +153,8 @@ class Recording:
 
 
 RECORDING = "recording.json"  # name of the file with a recording, in the folder of a run
-FLOOD = 300.0  # more commands per simulated second are too many; 50 are enough to answer each scan
+# largest number of commands per simulated second that is not a fault; 50 are enough to answer each scan
+FLOOD = 300.0
 # reason that the recorder gives if it is stopped before the run is over
 CUT_OFF = Note(Kind.CUT_OFF, "it was cut off")
 

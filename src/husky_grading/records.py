@@ -30,7 +30,7 @@ WALL_BASE, WALL_SLOWNESS = 300.0, 20.0
 # [m/s] The robot rams the pillar if it touches the pillar faster than `gentle` plus this margin. The margin
 # is needed because the robot does not follow a command exactly.
 RAMMING_MARGIN = 0.05
-MAX_TEXT = 1000  # a longer evidence or note is cut to this number of characters
+MAX_TEXT = 1000  # largest number of characters of an evidence or note; the rest is cut
 
 
 @dataclass(frozen=True)

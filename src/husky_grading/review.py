@@ -40,7 +40,7 @@ from husky_highlevel_controller.drawing.templates import render
 
 PAGE = "review.html"
 KEYS = 9  # number of keys for points; key 1 gives no points, key 9 gives all points
-MAX_CODE = 200_000  # [bytes] a larger source file is not searched
+MAX_CODE = 200_000  # [bytes] largest source file that is searched
 MAX_SOURCES = 500  # only so many source files of a submission are searched
 MAX_LINE = 500  # only so many characters of a line are searched and shown
 BEFORE, AFTER = 6, 18  # number of lines of an excerpt before and after the line that was found

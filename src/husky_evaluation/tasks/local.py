@@ -31,7 +31,8 @@ Answer = Tuple[str, List[Any]]
 # number of a group, and the group's answer or the error that it caused
 Answers = Generator[Tuple[int, Union[Answer, BaseException]], None, None]
 SET_PARENT_DEATH_SIGNAL = 1  # option of prctl(2): the system sends this process a signal when its parent ends
-# if this number of processes have ended during the same group, the group is not tried again and gets an error
+# if this number of processes have died while they worked on one group, the group is not tried again, and its
+# result is an error
 MAX_DEATHS = 3
 
 

@@ -32,7 +32,7 @@ MAX_FILES, MAX_BYTES = (
     20_000,
     500_000_000,
 )
-MAX_FILE = 100_000_000  # [bytes] a larger file, such as a rosbag, is left out
+MAX_FILE = 100_000_000  # [bytes] largest file that is unpacked; a rosbag may be larger and is left out
 MAX_NAMED = 5  # a note on files that are left out has at most this number of names
 UTF_8 = 0x800  # bit in the flags of a file in a zip archive: the file's name is UTF-8, not code page 437
 CHUNK = 1 << 16  # [bytes] files are copied in pieces of this size

@@ -19,7 +19,8 @@ from typing import Dict, List, Sequence
 
 from husky_grading.hand_in.archives import suffix_of
 
-MAX_FOLDER = 200  # [bytes] a longer name of a folder of results is cut
+# [bytes] longest name of a folder with results; the rest of a longer name is cut off
+MAX_FOLDER = 200
 DIGITS = 8  # number of hexadecimal digits of the hash that makes the name of a folder unique
 SAFE = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]*")  # names that match this pattern are safe in any path
 

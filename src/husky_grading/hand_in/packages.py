@@ -23,7 +23,7 @@ from husky_highlevel_controller.datatypes import HuskyError
 from husky_highlevel_controller.dependencies import dependencies_of
 
 MAX_ARCHIVES, MAX_PACKAGES = 50, 200  # largest number of archives and of packages in one submission
-MAX_MANIFEST = 1_000_000  # [bytes] a larger package.xml, launch file or Python file is not read
+MAX_MANIFEST = 1_000_000  # [bytes] largest package.xml, launch file or Python file that is read
 # names of folders that programs make, such as a build; they have no work of the student
 BUILT = frozenset({"build", "devel", "install", "logs", ".git", "__pycache__", "__MACOSX", ".catkin_tools"})
 # packages of courses, of Debian and of the robot; a copy of such a package is not the student's work

@@ -36,7 +36,7 @@ CROWD = 10
 MAX_SAMPLES = 50_000  # only so many markers of a run are recorded
 # if all recorded markers of a run have more points together, the further points are cut off
 MAX_ALL_POINTS = 500_000
-MAX_MESSAGE = 2_000_000  # [bytes] a larger message of markers is not read
+MAX_MESSAGE = 2_000_000  # [bytes] largest message of markers that is read
 MAX_TOPICS = 50  # markers of at most so many topics are recorded
 MAX_FRAMES = 5000  # at most so many frames of TF are recorded
 # number of characters after which the name of a namespace or frame is cut off; a topic with a longer name is

@@ -20,7 +20,8 @@ MOSTLY = 0.8
 IMAGE_SLOPE = 0.1
 COORDINATE_TOLERANCE = 0.05  # [m] a coordinate counts as 0, or as a whole number of metres, up to this error
 POSITION_TOLERANCE = 0.15  # [m] a marker counts as being at a position up to this distance from it
-OUT_OF_THE_WORLD = 1e6  # [m] a larger coordinate probably comes from a variable that was never set
+# [m] a coordinate above this probably comes from a variable that was never set
+OUT_OF_THE_WORLD = 1e6
 # [m] a marker loses no points if it is up to this height above the pillar or below the ground
 HEIGHT_MARGIN = 0.3
 # [m] a marker loses all points at HEIGHT_MARGIN + HEIGHT_FADE above the pillar or below the ground; linear in

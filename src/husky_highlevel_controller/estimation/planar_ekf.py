@@ -19,7 +19,7 @@ from husky_highlevel_controller.geometry import wrap_angle
 STATES = 8
 # indices of the state: pose in odom; velocity and acceleration in base_link
 X, Y, YAW, VX, VY, YAW_RATE, AX, AY = range(STATES)
-MIN_VARIANCE = 1e-9  # a smaller variance of a measured value counts as this
+MIN_VARIANCE = 1e-9  # smallest variance of a measured value; the filter uses it instead of a smaller one
 INITIAL_VARIANCE = 1e-9  # variance of each state before the first measurement, as in robot_localization
 # [s] if the stamps of two readings differ by more than this, the clock was set between them
 MAX_STEP = 1e5

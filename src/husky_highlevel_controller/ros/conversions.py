@@ -54,7 +54,7 @@ TURN_TOLERANCE = 0.01
 # [m] if even the nearest return is farther than this, the ranges are probably in millimetres
 MAX_NEAREST_RETURN = 200.0
 MILLIMETRES = (100.0, 60000.0)  # [mm] usual limits of ranges that a driver sends in millimetres by mistake
-MAX_RANGE_MAX = 1000.0  # [m] a larger range_max is probably in millimetres
+MAX_RANGE_MAX = 1000.0  # [m] a range_max above this is probably in millimetres
 
 # Covariance of odometry: a (6, 6) matrix, row by row. Its diagonal has the values of
 # husky_control/config/control.yaml for x, y, z, roll, pitch and yaw.

@@ -20,8 +20,8 @@ from husky_highlevel_controller.ros.node import NewSubscribers, publish
 
 PERIOD = 1.0  # [s] ROS time between two messages on /diagnostics
 OUR_CLOCK = "this computer's clock"
-OLD = 0.5  # [s] an older scan, or an older transform of odom, causes a warning
-TOO_OLD = 2.0  # [s] an older scan, or an older transform of odom, causes an error
+OLD = 0.5  # [s] age of a scan, or of a transform of odom, that causes a warning
+TOO_OLD = 2.0  # [s] age of a scan, or of a transform of odom, that causes an error
 # simulated time counts as paused after this many calls of update() in a row without a change of ROS time
 STILL_POLLS = 5
 

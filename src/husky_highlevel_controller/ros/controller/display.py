@@ -44,8 +44,8 @@ TEXT_ANGLE = 0.022  # [rad] angle that the height of the text covers in the view
 CAMERA_BEHIND = 8.0  # [m] distance of RViz's camera from the robot in rviz/controller.rviz
 # Factor on the size of the cylinder in the laser's frame. Without it, this cylinder and the cylinder in odom
 # would be equal and flicker in RViz. With it, this cylinder is inside the cylinder in odom, and visible only
-# if that cylinder is switched off. The simulator draws the pillar with a factor of 0.95, so this factor is
-# larger.
+# if that cylinder is switched off. In the world, the simulator draws the pillar with a factor of 0.95. This
+# factor is larger, because otherwise that pillar would hide this cylinder.
 INNER_SCALE = 0.98
 DISC_HEIGHT = 0.02  # [m]
 # [m] smallest distance from the pillar to the rim of the disc that shows the uncertainty of the pillar's

@@ -29,7 +29,7 @@ from husky_highlevel_controller.ros.transforms import latest_stamp, lookup_trans
 # lockstep with the simulator start in the same way.
 START_TIMEOUT = 4.0
 TRANSFORM_TIMEOUT = 2.0  # [s] longest wall time for which a later scan waits for the transform of its stamp
-MIN_OFFSET = 0.05  # [s] a larger offset between the clocks of scans and odometry causes a warning
+MIN_OFFSET = 0.05  # [s] smallest offset between the clocks of scans and odometry that causes a warning
 MAX_AGE = 2.0  # [s] a pose in odom is not used if it is older than the scan by more than this
 REPORT_PERIOD = 5.0  # [s] time between two warnings about a missing transform
 # number of scans in a row without the lidar's transform after which a warning is logged

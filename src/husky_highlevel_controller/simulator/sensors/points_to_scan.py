@@ -16,7 +16,7 @@ import numpy as np
 from husky_highlevel_controller.config import number, setting
 
 FAR = 1e6  # [m] larger than any coordinate of a point, so a limit of this size has no effect
-MAX_DIRECTIONS = 100_000  # more directions in a scan are refused
+MAX_DIRECTIONS = 100_000  # largest number of directions of a scan; a config with more is an error
 
 
 def _number(default: Any, help_text: str, minimum: float = -FAR) -> Any:
