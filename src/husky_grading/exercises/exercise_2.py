@@ -15,7 +15,7 @@ from husky_grading.exercises.watch import DriveState, RosAccess, Watch
 from husky_grading.notes import Kind, Note, Subject
 from husky_grading.recording import Recording
 from husky_grading.records import DEFAULT_RULES, Item, Rules
-from husky_grading.rubrics.causes import NO_SCANS, causes, first_cause, with_cause
+from husky_grading.rubrics.causes import causes, first_cause, with_cause
 from husky_grading.rubrics.items import by_hand, forfeited, weighted
 from husky_grading.rubrics.rviz_view import (
     SAVED,
@@ -55,6 +55,7 @@ SPAN_FRACTION = 0.5
 # `grade` drives the robot straight ahead: speed [m/s], begin and duration in simulated time [s]
 SPEED, BEGIN, SECONDS = 0.5, 2.0, 10.0
 STANDS_BY = BEGIN + SECONDS + 1.0  # [s] simulated time at which the robot has stopped, so the run ends
+NO_RANGE = Note(Kind.NO_RANGE, "no beam of any scan measured a range")
 # hints
 PRINT = (
     "print the smallest range in the callback of the scans, by ROS_INFO or rospy.loginfo, with output=screen"
@@ -166,6 +167,39 @@ def smallest_ranges(nearest: NDArray[np.float64], stamp: Optional[float]) -> Tup
     return float(ranges.min()), float(ranges.max())
 
 
+class PrintedRanges(NamedTuple):
+    """Numbers in the lines of an output, compared with the smallest ranges of the scans."""
+
+    right: List[float]  # [m] smallest range of each line that has one, in the order of the lines
+    # [m] Numbers that are near the smallest range but wrong, printed while the robot stood. All scans then
+    # have the same smallest range, so such a number is wrong and not just late.
+    wrong_at_rest: List[float]
+    is_right_at_rest: bool  # true if a line printed the smallest range while the robot stood
+
+
+def compare_with_scans(lines: Sequence[PrintedLine], nearest: NDArray[np.float64]) -> PrintedRanges:
+    """Return which numbers of the lines are smallest ranges of scans, and which are wrong smallest ranges.
+
+    Args:
+        lines: lines of the output; lists of ranges do not count.
+        nearest: (N, 2) time [s] and smallest range [m] of each scan, sorted by time.
+    """
+    all_right: List[float] = []
+    wrong_at_rest: List[float] = []
+    is_right_at_rest = False
+    for line in lines:
+        if line.is_list:
+            continue
+        low, high = smallest_ranges(nearest, line.stamp)
+        right = [number for number in line.numbers if low - TOLERANCE <= number <= high + TOLERANCE]
+        all_right += right[:1]
+        is_at_rest = line.stamp is not None and high - low <= TOLERANCE
+        if is_at_rest:
+            is_right_at_rest = is_right_at_rest or bool(right)
+            wrong_at_rest += [number for number in line.numbers if TOLERANCE < abs(number - high) < NEAR]
+    return PrintedRanges(all_right, wrong_at_rest, is_right_at_rest)
+
+
 def judge_output(recording: Recording) -> Item:
     """Grade whether the submission prints the smallest range: 40 points.
 
@@ -174,44 +208,35 @@ def judge_output(recording: Recording) -> Item:
     item = Item(PRINTS_RANGE, 0.0, 40.0, "")
     # (N, 2) [s, m] time and smallest range of each scan; a scan without a return has no smallest range
     nearest = recording.nearest[np.isfinite(recording.nearest[:, 1])]
-    if not recording.subscribed or not len(nearest):
-        # if the submission does not subscribe to the scans, `first_cause` also finds a misspelt topic
-        reasons = causes(recording) if recording.subscribed else [first_cause(recording)]
-        return with_cause(item, "nothing to print", reasons[0] if reasons else NO_SCANS)
+    if not recording.subscribed:
+        return with_cause(item, "nothing to print", first_cause(recording))
+    if not len(nearest):
+        reasons = causes(recording)  # such as an exception, which ended the run before the first scan
+        return with_cause(item, "nothing to print", reasons[0] if reasons else NO_RANGE)
+
     lines = read_lines(recording.output)
-    printed = []  # [m] first number of each line that can be the smallest range
-    # While the robot stands, all scans have the same smallest range. So a line that prints another range at
-    # that time is wrong, and not just late.
-    wrong_at_rest = []  # [m] such wrong numbers
-    is_right_at_rest = False  # true if a line printed the smallest range while the robot stood
-    for line in lines:
-        if line.is_list:
-            continue
-        low, high = smallest_ranges(nearest, line.stamp)
-        right = [number for number in line.numbers if low - TOLERANCE <= number <= high + TOLERANCE]
-        printed += right[:1]
-        if line.stamp is not None and high - low <= TOLERANCE:  # the robot stands
-            if right:
-                is_right_at_rest = True
-            wrong_at_rest += [number for number in line.numbers if TOLERANCE < abs(number - high) < NEAR]
+    printed = compare_with_scans(lines, nearest)
     low, high = smallest_ranges(nearest, stamp=None)  # over the whole run
-    if len(printed) < LEAST_LINES:
-        evidence = f"{len(printed)} lines have a range between {low:.2f} and {high:.2f} m, {LEAST_LINES} must"
+    if len(printed.right) < LEAST_LINES:
+        evidence = f"{len(printed.right)} lines have a range between {low:.2f} and {high:.2f} m, "
+        evidence += f"{LEAST_LINES} must"
         lists = sum(line.is_list for line in lines)  # number of lines that are lists of ranges
         if lists:
             evidence += f"; {lists} lines with more than {MOST_NUMBERS} numbers do not count"
         # if there are lines with numbers, the student does not take the minimum of the valid ranges
         return replace(item, evidence=evidence, hint=MINIMUM if lines else PRINT)
     # if the right range was printed while the robot stood, the wrong numbers are another quantity
-    if len(wrong_at_rest) >= LEAST_LINES and not is_right_at_rest:
-        evidence = f"prints {wrong_at_rest[0]:.2f} m while the robot stands, "
+    if len(printed.wrong_at_rest) >= LEAST_LINES and not printed.is_right_at_rest:
+        evidence = f"prints {printed.wrong_at_rest[0]:.2f} m while the robot stands, "
         evidence += f"but the smallest range is {high:.2f} m"
         return replace(item, evidence=evidence, hint=MINIMUM)
-    evidence = f"{len(printed)} lines, from {printed[0]:.2f} to {printed[-1]:.2f} m; "
+
+    first, last = printed.right[0], printed.right[-1]
+    evidence = f"{len(printed.right)} lines, from {first:.2f} to {last:.2f} m; "
     evidence += f"measured {high:.2f} to {low:.2f} m"
     # the robot drives towards the pillar, so the printed numbers must decrease, as the smallest range does
-    change, decreases = max(printed) - min(printed), printed[0] > printed[-1]
-    follows_range = decreases and change >= SPAN_FRACTION * (high - low)
+    change = max(printed.right) - min(printed.right)
+    follows_range = last < first and change >= SPAN_FRACTION * (high - low)
     # `weighted` later removes the hint of an item with all points
     return replace(item, points=40.0 if follows_range else 20.0, evidence=evidence, hint=MINIMUM)
 

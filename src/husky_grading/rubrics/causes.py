@@ -23,6 +23,7 @@ HINTS = {
     Kind.OWN_NODE: "start a node of your own package",
     Kind.SILENT_TOPIC: "compare your topic's name with `rostopic list`, and look for a missing remap",
     Kind.NO_SCANS: f"subscribe to the scans in the constructor, and {KEEP_AS_MEMBER}",
+    Kind.NO_RANGE: "the world must have the pillar in reach of the lidar",
     Kind.NO_PUBLISHER: f"advertise geometry_msgs/Twist on /cmd_vel in the constructor, and {KEEP_AS_MEMBER}",
     Kind.NO_COMMANDS: (
         "publish the velocity in each callback of the scans; look for a condition, a wait, an exception that "

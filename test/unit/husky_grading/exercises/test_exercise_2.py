@@ -110,6 +110,13 @@ def test_that_it_does_not_answer_every_scan_is_no_reason_to_print_nothing():
     assert "does not subscribe to the scans" in judge_output(recording(notes=(slow,))).evidence
 
 
+def test_a_run_whose_scans_measure_nothing_says_so():
+    nothing = replace(
+        recording(subscribed=True), nearest=np.column_stack([TIMES, np.full(len(TIMES), np.inf)])
+    )
+    assert judge_output(nothing).evidence == "nothing to print: no beam of any scan measured a range"
+
+
 @pytest.mark.parametrize(
     "items",
     [
