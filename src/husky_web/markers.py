@@ -169,10 +169,11 @@ class Markers:
         self.shown: Dict[Key, Marker] = {}  # the marker whose message came last is the last one
         self.is_full = False  # true if a marker was left out, because the cost would exceed MAX_COST
         self._cost = 0
-        self._ends: Dict[Key, float] = {}  # [s] end of the lifetime, for markers that have one
+        self._ends: Dict[Key, float] = {}  # [s] ROS time of the end of the lifetime, for markers with one
+        self._last_time = 0.0  # [s] ROS time of the last call of `expire`
 
     def apply(self, topic: str, marker: Marker, now: float) -> None:
-        """Apply a message that came at the wall time `now` [s]."""
+        """Apply a message that came at the ROS time `now` [s]."""
         key = (topic, marker.ns, marker.id)
         if marker.action in (Marker.ADD, Marker.MODIFY):
             # the new marker replaces the old one with the same key, so the cost of the old one no longer
@@ -196,8 +197,14 @@ class Markers:
                 self._remove(other)
 
     def expire(self, now: float) -> None:
-        """Remove markers whose lifetime has ended at the wall time `now` [s]."""
-        for key in [key for key, end in self._ends.items() if now >= end]:
+        """Remove markers whose lifetime has ended at the ROS time `now` [s].
+
+        If ROS time has jumped back, for example after a reset of the simulation, all markers with a lifetime
+        are removed, because they belong to the time before.
+        """
+        has_jumped_back = now < self._last_time
+        self._last_time = now
+        for key in [key for key, end in self._ends.items() if has_jumped_back or now >= end]:
             self._remove(key)
 
     def clear(self) -> None:

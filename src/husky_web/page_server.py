@@ -45,6 +45,7 @@ TOKEN_FILE, MIN_TOKEN = "husky_web_token", 16
 MAX_MESSAGE = 1000
 # largest number of pages that are open at the same time; each page takes up to 1.6 MB in this process
 MAX_PAGES = 20
+MAX_PORT = 65535  # largest number of a port
 # kinds of connections: an open page has one for its view, which viser handles, and one for the drive channel
 VIEW, DRIVE = "view", "drive"
 TOO_MANY = f"{MAX_PAGES} pages are open, which is the limit. Close one of them, then load this page again"
@@ -80,7 +81,7 @@ def serve(host: str, port: int, on_message: OnMessage, on_leave: OnLeave) -> Tup
         on_leave: function that is called when a page has gone.
 
     Raises:
-        HuskyError: the address is not an address of this machine.
+        HuskyError: the address is not an address of this machine, or no port is free.
     """
     if _is_loopback(host):
         # only browsers of this machine can come, so no token is needed; they may use only these names of it
@@ -88,6 +89,8 @@ def serve(host: str, port: int, on_message: OnMessage, on_leave: OnLeave) -> Tup
     else:
         # other machines may use any name of this machine, but each of them needs the token
         hosts, token = None, _kept_token()
+    # viser also looks for a free port, but its thread would fail above 65535, and this program would wait
+    port = _find_free_port(host, port)
     # viser warns if a page has left before a message reaches it, but this is normal
     warnings.filterwarnings("ignore", "Queued a .* on a closed connection")
     gate = Gate(hosts, token, on_message, on_leave)
@@ -136,6 +139,25 @@ def _is_loopback(host: str) -> bool:
             f"{rospy.get_name()}/address = '{host}' is not an address of this machine: {error}"
         ) from None
     return ipaddress.ip_address(address[0]).is_loopback
+
+
+def _find_free_port(host: str, port: int) -> int:
+    """Return the first free port of an address, from `port` on.
+
+    Raises:
+        HuskyError: `port` and all ports above it are in use.
+    """
+    family, _, _, _, address = socket.getaddrinfo(host, 0, type=socket.SOCK_STREAM)[0]
+    for candidate in range(port, MAX_PORT + 1):
+        with socket.socket(family, socket.SOCK_STREAM) as probe:
+            # otherwise a port whose server has just ended would count as in use for a minute
+            probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            with contextlib.suppress(OSError):
+                probe.bind((address[0], candidate, *address[2:]))
+                return candidate
+    raise HuskyError(
+        f"{rospy.get_name()}/port = {port}: this port and all ports above it are in use; choose a lower one"
+    )
 
 
 def _kept_token() -> str:

@@ -203,7 +203,7 @@ class Scene:
         now = time.monotonic()
         # markers move in each update, but colours and shapes change less often, because this costs more
         are_looks_due = now >= self._looks_due
-        self._update_markers(topics, now, are_looks_due)
+        self._update_markers(topics, are_looks_due)
         self._update_axes()
         if are_looks_due:
             self._looks_due = now + LOOKS_PERIOD
@@ -338,17 +338,17 @@ class Scene:
         # if a number of the marker's pose is inf or nan, the origin of its frame takes its place
         return compose(frame, pose_of(newest) or Pose()).position
 
-    def _update_markers(self, topics: Topics, now: float, are_looks_due: bool) -> None:
+    def _update_markers(self, topics: Topics, are_looks_due: bool) -> None:
         """Take in new markers, and draw all markers that are shown.
 
         Args:
             topics: messages since the last call.
-            now: wall time, by which the lifetime of a marker ends [s].
             are_looks_due: whether shapes and colours are drawn again, too. This takes longer than moving the
                 markers, so it is done less often. Until then, a new marker is an empty node.
         """
-        self._take_markers(topics, now)
-        self.markers.expire(now)
+        ros_time = rospy.get_time()  # lifetimes end by ROS time, as in RViz, so they stop during a pause
+        self._take_markers(topics, ros_time)
+        self.markers.expire(ros_time)
         shown = self.markers.shown if self.layers["markers"] else {}  # key: topic, namespace, id
         for key in self._drawn.keys() - shown.keys():
             self._drawn.pop(key).node.remove()
@@ -358,8 +358,8 @@ class Scene:
                 if are_looks_due:
                     self._draw_marker(self._drawn[key], marker)
 
-    def _take_markers(self, topics: Topics, now: float) -> None:
-        """Take in new markers, except two of the controller, which are shown elsewhere.
+    def _take_markers(self, topics: Topics, ros_time: float) -> None:
+        """Take in new markers that came at this ROS time [s], except two that are shown elsewhere.
 
         The page draws a trail of the robot by itself, so it uses the marker PATH only for the part of the way
         before the page was started. The state bar shows the marker STATE.
@@ -371,7 +371,7 @@ class Scene:
                     if is_of_controller and marker.ns == PATH:
                         self._begin_trail(marker)
                     elif not (is_of_controller and marker.ns == STATE):
-                        self.markers.apply(topic, marker, now)
+                        self.markers.apply(topic, marker, ros_time)
         if self.markers.is_full:
             warn_left_out("a part of the markers", "there are more than a browser can draw in time")
 

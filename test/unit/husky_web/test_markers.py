@@ -110,7 +110,10 @@ def test_markers_are_replaced_deleted_and_die():
     assert markers.shown["/a", "x", 1].text == "new"
     markers.expire(1.9)
     assert len(markers.shown) == 3
-    markers.expire(2.0)
+    markers.expire(3.0)
+    assert set(markers.shown) == {("/a", "x", 1), ("/b", "x", 1)}
+    markers.apply("/c", Marker(lifetime=Duration(100)), 3.0)
+    markers.expire(2.5)  # the simulation was reset
     assert set(markers.shown) == {("/a", "x", 1), ("/b", "x", 1)}
     markers.apply("/b", Marker(ns="x", id=1, action=Marker.DELETE), 3.0)
     markers.apply("/a", Marker(action=Marker.DELETEALL), 3.0)

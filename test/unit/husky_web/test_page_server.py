@@ -1,10 +1,22 @@
 """Requests that the page answers, and messages of a browser that it reads."""
 
+import socket
+
 import pytest
 import rospkg
 import rospy
 
-from husky_web.page_server import LOOPBACK, TOKEN_FILE, _kept_token, _parse, address_to_open, refusal
+from husky_highlevel_controller.datatypes import HuskyError
+from husky_web.page_server import (
+    LOOPBACK,
+    MAX_PORT,
+    TOKEN_FILE,
+    _find_free_port,
+    _kept_token,
+    _parse,
+    address_to_open,
+    refusal,
+)
 
 
 def test_junk_on_the_drive_channel_is_no_message():
@@ -55,6 +67,18 @@ def test_who_may_come_in(headers, path, hosts, token, words):
 )
 def test_the_printed_address_can_be_opened(host, address):
     assert address_to_open(host, ":80").startswith(address)
+
+
+def test_a_port_in_use_is_followed_by_the_next_free_one_and_the_last_one_by_an_error():
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", MAX_PORT - 1))
+        taken.listen()
+        assert _find_free_port("127.0.0.1", MAX_PORT - 1) == MAX_PORT
+        with socket.socket() as last:
+            last.bind(("127.0.0.1", MAX_PORT))
+            last.listen()
+            with pytest.raises(HuskyError, match=f"port = {MAX_PORT - 1}.*in use"):
+                _find_free_port("127.0.0.1", MAX_PORT - 1)
 
 
 def test_the_token_is_the_same_after_a_restart_and_only_the_user_can_read_it(monkeypatch, tmp_path):

@@ -5,6 +5,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+import rospy
 import viser
 from geometry_msgs.msg import Point, Quaternion, Transform, TransformStamped, Vector3
 from sensor_msgs.msg import LaserScan
@@ -17,6 +18,14 @@ from husky_highlevel_controller.ros.controller.display import PATH, marker
 from husky_web import drawing
 from husky_web.legend import TRAIL_COLOR
 from husky_web.scene import FADED_COLOR, TRAIL_NEW, TRAIL_OLD, Scene, trail_colors
+
+
+@pytest.fixture(autouse=True)
+def ros_time(monkeypatch):
+    """ROS time [s] that the scene reads; a test sets the item "now"."""
+    time = {"now": 30.0}
+    monkeypatch.setattr(rospy, "get_time", lambda: time["now"])
+    return time
 
 
 @pytest.fixture
@@ -51,6 +60,18 @@ def test_what_cannot_be_drawn_is_told_once_and_the_rest_is_drawn(server, monkeyp
     assert [text.partition(" is not shown: ")[0] for text in told] == ["/scan", "a marker of /hostile"]
     assert server.scene.get_handle_by_name(f"/markers/%2Fhostile/{PATH}_0").visible
     assert scene.base is None, "no place is infinitely far"
+
+
+def test_a_lifetime_of_a_marker_ends_by_ros_time(server, ros_time):
+    scene = Scene(server, "odom", "/controller")
+    short = marker(Marker.CUBE, PATH, 30.0, "odom", (1.0, 1.0, 1.0))
+    short.lifetime = rospy.Duration(0.5)
+    scene.update(incoming(markers=[("/any", short)]))
+    scene.update(incoming())
+    assert len(scene.markers.shown) == 1, "simulated time is paused"
+    ros_time["now"] = 30.5
+    scene.update(incoming())
+    assert not scene.markers.shown
 
 
 def test_a_page_opened_after_the_drive_shows_the_way_that_the_controller_has_driven(server):
