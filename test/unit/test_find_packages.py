@@ -24,12 +24,17 @@ def package(folder: Path, *files: str, name: str = "") -> Path:
     return folder
 
 
+@pytest.fixture(autouse=True)
+def no_packages_of_the_caller(monkeypatch):
+    """Remove the packages of the shell that runs the tests, because one may have a name that a test uses."""
+    monkeypatch.setenv("ROS_PACKAGE_PATH", "")
+
+
 @pytest.fixture
 def workspace(tmp_path, monkeypatch):
     """A built workspace with a repository of several packages, in a home folder with other things in it."""
     home = tmp_path / "home"
     monkeypatch.setenv("HOME", str(home))
-    monkeypatch.setenv("ROS_PACKAGE_PATH", "")
     workspace = home / "catkin_ws"
     (workspace / "devel").mkdir(parents=True)
     package(workspace / "src" / "lab_repo" / "lab_robot", "launch/drive.launch")
