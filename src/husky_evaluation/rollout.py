@@ -134,17 +134,10 @@ def rollout(
             snapshot = simulation.step()
             for name in snapshot.contacts:
                 touches.setdefault(name, snapshot.stamp)  # keeps the time of the first touch
-            scan, odometry = snapshot.scan, snapshot.odometry
-            if scan is None or odometry is None:
-                # no new scan in this physics step, so there is nothing to decide; a scan never comes without
-                # odometry
+            scan = snapshot.scan
+            if scan is None:  # no new scan in this physics step, so there is nothing to decide
                 continue
-            base_in_odom = odometry.filtered.pose_base_in_odom
-            scan_age = snapshot.stamp - scan.stamp
-            # a scan has the stamp of its first beam but comes only after its last beam, so the robot's pose
-            # is moved back to the time of the stamp
-            if scan_age > 0.0:
-                base_in_odom = advance(base_in_odom, odometry.filtered.twist_in_base, -scan_age)
+            base_in_odom = _pose_at_begin_of_scan(scan, snapshot)
             observation = Observation(scan, laser_in_base, base_in_odom, simulator.robot.footprint)
             is_enabled = True  # the controller may move the robot
             controller_state, output = controller(
@@ -158,6 +151,19 @@ def rollout(
     finally:
         simulation.close()
     return _trace(rows, touches)
+
+
+def _pose_at_begin_of_scan(scan: Scan, snapshot: Snapshot) -> Pose2D:
+    """Return the odometry's pose of base_link in odom at the time of the first beam, which stamps the scan.
+
+    The scan and the odometry come after the last beam, so the pose is moved back by the age of the scan.
+    """
+    assert snapshot.odometry is not None  # a scan never comes without odometry
+    odometry = snapshot.odometry.filtered
+    scan_age = snapshot.stamp - scan.stamp
+    if scan_age <= 0.0:
+        return odometry.pose_base_in_odom
+    return advance(odometry.pose_base_in_odom, odometry.twist_in_base, -scan_age)
 
 
 class _Row(NamedTuple):

@@ -19,7 +19,7 @@ from concurrent.futures import (
 )
 from concurrent.futures.process import BrokenProcessPool
 from multiprocessing import get_context
-from typing import Any, Callable, Dict, Generator, List, Sequence, Tuple, Union
+from typing import Any, Callable, Deque, Dict, Generator, List, Mapping, Sequence, Tuple, Union
 from typing import Counter as CounterType
 
 from husky_evaluation.tasks.fingerprint import machine
@@ -60,52 +60,83 @@ def run_here(
     # number of processes that have ended during each group; the key is the number of the group
     deaths: CounterType[int] = Counter()
     while waiting:
-        running: Dict[Future, int] = {}  # number of the group whose answer the future will have
-        executor: Executor  # pool of threads or processes
+        pool: Executor  # threads or processes
         if starts_programs:
-            executor = ThreadPoolExecutor(jobs)
+            pool = ThreadPoolExecutor(jobs)
         else:
-            executor = ProcessPoolExecutor(jobs, get_context("fork"), _end_with_parent)
+            pool = ProcessPoolExecutor(jobs, get_context("fork"), _end_with_parent)
+        running: Dict[Future, int] = {}  # number of the group whose answer the future will have
         try:
-            while waiting or running:
-                # Each process gets two groups, so that it can begin the second group as soon as it has ended
-                # the first one. But a group during which a process has died is sent again only when no other
-                # group is running. If a process then dies again, this group is the probable cause.
-                while waiting:
-                    number = waiting[0]
-                    most_running = 1 if deaths[number] else 2 * jobs
-                    if len(running) >= most_running:
-                        break
-                    running[executor.submit(perform, task, groups[number])] = number
-                    # removed only after `submit`, because `submit` fails if the pool is broken
-                    waiting.popleft()
-                for future in wait(running, return_when=FIRST_COMPLETED).done:
-                    error = future.exception()
-                    if isinstance(error, BrokenProcessPool):
-                        raise error  # a process has ended; the `except` block below handles this
-                    number = running.pop(future)
-                    yield number, future.result() if error is None else error
+            yield from _answers_of_pool(pool, task, groups, 2 * jobs, waiting, running, deaths)
         except BrokenProcessPool:
-            # if one process ends, the pool is broken and loses the groups of all its processes; the outer
-            # loop makes another pool
-            losses = sorted(running.values())
-            deaths.update(losses)
-            # group with the most deaths; None if no group is lost, because a process has ended before it got
-            # a group. The next pool then gets the waiting groups.
-            worst = max(losses, key=lambda number: deaths[number], default=None)
-            if worst is not None and deaths[worst] >= MAX_DEATHS:
+            # A process has ended. The pool is then broken, and the groups of all its processes are lost. They
+            # go back to the front, in their order, and the next round makes another pool.
+            lost = sorted(running.values())
+            deaths.update(lost)
+            given_up = [number for number in lost if deaths[number] >= MAX_DEATHS]
+            if given_up:
+                # other groups may have been lost beside the cause; the cause has the most deaths
+                worst = max(given_up, key=lambda number: deaths[number])
                 sentence = f"task {worst + 1} of {len(groups)} ended its process {MAX_DEATHS} times"
                 yield worst, HuskyError(sentence)
-                losses.remove(worst)
-            waiting.extendleft(reversed(losses))  # the lost groups go back to the front, in their order
+                lost.remove(worst)
+            waiting.extendleft(reversed(lost))
         finally:
-            # `shutdown` waits for the running tasks and cancels the waiting tasks; in Python 3.8 it cannot
-            # cancel them, so they run, too. `Future.cancel` is not used, because a pool with cancelled
-            # futures may hang at its end (Python 3.11.2, gh-94777)
-            if sys.version_info >= (3, 9):
-                executor.shutdown(cancel_futures=True)
-            else:
-                executor.shutdown()
+            _shut_down(pool)
+
+
+def _answers_of_pool(
+    pool: Executor,
+    task: Callable[[Any], Any],
+    groups: Sequence[Group],
+    most: int,
+    waiting: Deque[int],
+    running: Dict[Future, int],
+    deaths: Mapping[int, int],
+) -> Answers:
+    """Send the waiting groups to a pool, and yield number and answer of each group.
+
+    Args:
+        pool: threads or processes.
+        task: function of one item.
+        groups: items of each group.
+        most: largest number of groups in the pool: two for each process, so that a process can begin the
+            second group as soon as it has ended the first one.
+        waiting: numbers of the groups to send; a group that is sent is removed.
+        running: gets the groups that are sent, and loses those that are answered, so that the caller knows
+            the lost groups if the pool breaks.
+        deaths: number of processes that have died during each group.
+
+    Raises:
+        BrokenProcessPool: a process has ended.
+    """
+    while waiting or running:
+        while waiting:
+            number = waiting[0]
+            # A group during which a process has died waits until the pool is empty. So such groups run one
+            # after another, and the one that is the cause gets more deaths than the others.
+            if len(running) >= (1 if deaths[number] else most):
+                break
+            running[pool.submit(perform, task, groups[number])] = number
+            waiting.popleft()  # only after `submit`, because `submit` fails if the pool is broken
+        for future in wait(running, return_when=FIRST_COMPLETED).done:
+            error = future.exception()
+            if isinstance(error, BrokenProcessPool):
+                raise error
+            number = running.pop(future)
+            yield number, future.result() if error is None else error
+
+
+def _shut_down(pool: Executor) -> None:
+    """Wait for the running tasks of a pool, and cancel its waiting tasks.
+
+    Python 3.8 cannot cancel the waiting tasks, so they run, too. `Future.cancel` is not used, because a pool
+    with cancelled futures may hang at its end (Python 3.11.2, gh-94777).
+    """
+    if sys.version_info >= (3, 9):
+        pool.shutdown(cancel_futures=True)
+    else:
+        pool.shutdown()
 
 
 def _end_with_parent() -> None:
