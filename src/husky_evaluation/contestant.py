@@ -175,23 +175,32 @@ def contestant(text: str, base: Setup, launch_kind: Optional[LaunchKind] = None)
     # the text names no launch file, so it has no arguments; the whole text is one name, which may have spaces
     if text.endswith((".yaml", ".yml")):
         return FunctionContestant(text, load_setup(Path(text), base))
+    made = _function_contestant(text, base)
+    # loads the function now, so that a wrong contestant causes an error before the first run
+    _ = made.controller
+    return made
+
+
+def _function_contestant(text: str, base: Setup) -> FunctionContestant:
+    """Return the contestant FILE.py:FUNCTION or MODULE:FUNCTION, with all that a worker needs to run it.
+
+    A worker has the packages of this project, so it imports a module of them by name. It may not have the
+    user's file, so it gets the text of the file.
+
+    Raises:
+        HuskyError: the text has another form, or the file cannot be read.
+    """
     file_or_module, colon, function = text.rpartition(":")
     if not colon or not function.isidentifier():
         kinds = "FILE.yaml, FILE.py:FUNCTION, MODULE:FUNCTION or PACKAGE/FILE.launch"
         raise HuskyError(f"'{text}' is not a valid controller; give {kinds}")
-    if file_or_module.split(".")[0] in OURS:  # each worker can import the packages of this project
-        made = FunctionContestant(text, base, function, module=file_or_module)
-    else:
-        # A worker may not have the user's file, so the text of the file is sent. The text may import other
-        # files: those in the same folder, or by relative imports those in the same package.
-        source, folder = _source(file_or_module)
-        is_file = file_or_module.endswith(".py")
-        # package of a module, for its relative imports; a file has none
-        package = "" if is_file else file_or_module.rpartition(".")[0]
-        made = FunctionContestant(text, base, function, source=source, folder=folder, package=package)
-    # loads the function now, so that a wrong contestant causes an error before the first run
-    _ = made.controller
-    return made
+    if file_or_module.split(".")[0] in OURS:
+        return FunctionContestant(text, base, function, module=file_or_module)
+    # the text may import other files of its folder, and by relative imports other modules of its package
+    source, folder = _source(file_or_module)
+    is_file = file_or_module.endswith(".py")  # a file belongs to no package
+    package = "" if is_file else file_or_module.rpartition(".")[0]
+    return FunctionContestant(text, base, function, source=source, folder=folder, package=package)
 
 
 def _source(file_or_module: str) -> Tuple[str, str]:

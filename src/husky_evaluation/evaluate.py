@@ -47,6 +47,7 @@ from husky_highlevel_controller.controller.control import ControlConfig
 from husky_highlevel_controller.course import PILLAR_NAME
 from husky_highlevel_controller.drawing.templates import write_page
 from husky_highlevel_controller.result import Cell, Result, Table
+from husky_highlevel_controller.simulator.sensors.lidar import LidarConfig
 
 TOUCHING = ControlConfig(stop_distance=0.0)  # control of a robot that drives until it touches the pillar
 
@@ -238,16 +239,7 @@ def evaluate(
     """
     setup = setup_of(robot=robot)
     lidar, robot_data = setup.simulator.lidar, setup.simulator.robot
-    numbers = range(scans)
-    # a process gets 50 scans at once, because one scan takes only a millisecond; if there are few scans, the
-    # groups are smaller, so that several processes get work
-    chunk = min(50, scans // 4 + 1)
-    errors = partial(center_error, seed=seed, lidar=lidar)
-    errors_alone = workers.map(partial(errors, clutter=False), numbers, "pillars alone", chunk)
-    errors_in_company = workers.map(partial(errors, clutter=True), numbers, "pillars in company", chunk)
-    count_false = partial(false_pillars, seed=seed, lidar=lidar)
-    false_counts = workers.map(count_false, numbers, "scenes without", chunk)
-    false_share = 100.0 * float(np.mean([count > 0 for count in false_counts]))
+    extraction_rows = evaluate_extraction(seed, scans, lidar, workers)
     # with TOUCHING, the robot drives on until it touches the pillar
     setups = [setup, setup.with_gains(COURSE_GAINS), replace(setup, control=TOUCHING)]
     default_run, course_gains_run, touching_run = drives(
@@ -255,11 +247,9 @@ def evaluate(
     )
     runs = drives([setup], random_starts(starts, seed), workers, "random starts", replays)
     figures = {
-        f"Pillar extraction, {scans} random scans of each kind, noise {1000.0 * lidar.noise:g} mm": [
-            *extraction_figures("pillar alone, 3 beams or more", errors_alone),
-            *extraction_figures("pillar in company, 3 beams or more", errors_in_company),
-            figure("scans without a pillar that show one of 8 beams or more", false_share, "%", maximum=0.1),
-        ],
+        f"Pillar extraction, {scans} random scans of each kind, noise {1000.0 * lidar.noise:g} mm": (
+            extraction_rows
+        ),
         "Course start, default gains": course_figures(default_run, max_ratio=1.15),
         "Course start, the course's gains 0.1 and 0.4": course_figures(course_gains_run),
         "Course start, stop_distance 0": touch_figures(touching_run),
@@ -272,6 +262,28 @@ def evaluate(
         # this run is not reported, because this robot's lidar cannot see a pillar that touches the robot
         del figures["Course start, stop_distance 0"]
     return figures
+
+
+def evaluate_extraction(seed: int, scans: int, lidar: LidarConfig, workers: Workers) -> List[Row]:
+    """Return the figures of the pillar extraction, from `scans` single scans of each kind.
+
+    The scans show a pillar alone, a pillar among other objects, or other objects without a pillar.
+    """
+    numbers = range(scans)
+    # a process gets 50 scans at once, because one scan takes only a millisecond; if there are few scans, the
+    # groups are smaller, so that several processes get work
+    chunk = min(50, scans // 4 + 1)
+    errors = partial(center_error, seed=seed, lidar=lidar)
+    errors_alone = workers.map(partial(errors, clutter=False), numbers, "pillars alone", chunk)
+    errors_in_company = workers.map(partial(errors, clutter=True), numbers, "pillars in company", chunk)
+    count_false = partial(false_pillars, seed=seed, lidar=lidar)
+    false_counts = workers.map(count_false, numbers, "scenes without", chunk)
+    false_share = 100.0 * float(np.mean([count > 0 for count in false_counts]))
+    return [
+        *extraction_figures("pillar alone, 3 beams or more", errors_alone),
+        *extraction_figures("pillar in company, 3 beams or more", errors_in_company),
+        figure("scans without a pillar that show one of 8 beams or more", false_share, "%", maximum=0.1),
+    ]
 
 
 def drives(
