@@ -35,7 +35,7 @@ from collections import deque
 from dataclasses import dataclass
 from itertools import islice
 from math import copysign, hypot, inf, isfinite, sqrt
-from typing import Deque, NamedTuple, Optional, Tuple
+from typing import Deque, List, NamedTuple, Optional, Tuple
 
 import numpy as np
 
@@ -136,10 +136,11 @@ class _Increment(NamedTuple):
 class _VelocityChanges(NamedTuple):
     """Changes of velocity by the IMU that end at one time."""
 
-    # [m/s] change of the mean velocity, from the time BEFORE to the time AFTER: ahead, and to the left
+    # [m/s] change of the forward velocity, from its mean over the time BEFORE to its mean over the time AFTER
     ahead: float
-    left: float
-    pushed_left: float  # [m/s] velocity to the left that was gained in the time `window` between them
+    left: float  # [m/s] the same change of the velocity to the left; negative if it is to the right
+    # [m/s] velocity to the left that was gained in the time `window`, which lies between BEFORE and AFTER
+    pushed_left: float
     # [m^2/s^2] squared velocity that was gained to the left and upwards in the last `window` seconds. It is a
     # new value for the vibration of the ground, which is measured all the time, also without a collision.
     squared_swing: float
@@ -192,15 +193,21 @@ class CrashDetector:
             self._wheel_speeds.clear()
         self._wheel_speeds.append((stamp, twist_in_base.linear))
         self._odometry_silent_since = inf  # no IMU sample has come since this odometry
-        # Wheel speeds that no later sample needs are dropped. With a sample, the change that ended LATENESS
-        # before the sample is judged. So the sample needs the wheel speeds since the beginning of this
-        # change, and a little more, because the odometry may be shifted in time.
-        needed_age = LATENESS + AFTER + self._config.window + BEFORE + self._config.odometry_delay
-        # [s] lower limit of the next sample's stamp, because samples come in the order of their stamps
-        oldest_next_sample = min(stamp, self._last_stamp)
+        self._drop_unneeded_speeds()
+
+    def _drop_unneeded_speeds(self) -> None:
+        """Drop the wheel speeds that are too old for all later samples, so that the memory stays small."""
+        newest = self._wheel_speeds[-1][0]  # [s] stamp of the newest wheel speed
+        # [s] No later sample is older than this. Samples are judged in the order of their stamps, so a later
+        # sample is not older than the last judged sample. The limit `newest` makes sure that the newest wheel
+        # speed stays if the last judged sample is much newer.
+        oldest_sample = min(newest, self._last_stamp)
         # a sample that is older than the odometry by more than LONGEST_DELAY is judged without wheel speeds
-        oldest_next_sample = max(oldest_next_sample, stamp - LONGEST_DELAY)
-        oldest_needed = oldest_next_sample - max(needed_age, MEMORY)
+        oldest_sample = max(oldest_sample, newest - LONGEST_DELAY)
+        # [s] Time before a sample from which wheel speeds are needed. The change that is judged with the
+        # sample ends LATENESS before the sample, and odometry may be shifted by `odometry_delay`.
+        needed_age = LATENESS + AFTER + self._config.window + BEFORE + self._config.odometry_delay
+        oldest_needed = oldest_sample - max(needed_age, MEMORY)
         while self._wheel_speeds[0][0] < oldest_needed:
             self._wheel_speeds.popleft()
 
@@ -263,9 +270,9 @@ class CrashDetector:
         periods = [after - before for after, before in zip(newest_stamps, newest_stamps[1:])]
         # a lost message makes a period too long, so the shorter period counts
         period = min(periods, default=0.0)
-        # With the sample, `_judge_change` judges the change of velocity that ended LATENESS before the
-        # sample. The odometry covers this change if the next odometry would come after its end. So the newest
-        # odometry may be older than the end by one period.
+        # The change of velocity that is judged with the sample ends at stamp - LATENESS. All odometry of this
+        # change has come if the next odometry, at newest_stamps[0] + period, is not before this end. The
+        # condition is: stamp - LATENESS <= newest_stamps[0] + period.
         return stamp - newest_stamps[0] <= period + LATENESS
 
     def _judge_sample(self, sample: ImuSample, imu_in_base: Quaternion) -> Optional[float]:
@@ -314,9 +321,9 @@ class CrashDetector:
 
         The gyro turns it, and the accelerometer pulls it slowly towards the measured force, which points
         upwards if the robot is at rest. Driving adds the accelerations of the wheels and of the curve, so
-        these are subtracted from the force. A force that still differs much from gravity is a shock, so it
-        pulls less. `duration` is the time since the last sample [s]. The caller has already added it to
-        `_levelling_time`, so `_levelling_time` is above 0.
+        these are subtracted from the force. A force that still differs much from gravity is a shock, so the
+        difference counts only up to LEVELLING_FORCE. `duration` is the time since the last sample [s]. The
+        caller has already added it to `_levelling_time`, so `_levelling_time` is above 0.
         """
         assert self._vertical is not None
         # Seen from the IMU, the vertical turns against the gyro's rate w, by -(w x vertical) * duration.
@@ -324,15 +331,19 @@ class CrashDetector:
         # then the vertical stays as it is.
         turn_rate = cross(sample.angular_velocity, self._vertical)
         self._vertical = unit(minus(self._vertical, turn_rate, duration)) or self._vertical
-        # the force without the accelerations of driving, and its difference from gravity [m/s^2]
+        # [m/s^2] force without the accelerations of driving; it is gravity only, if there is no shock
         ahead, left = self._ground_axes(imu_in_base)
         force = minus(sample.specific_force, ahead, self._wheel_acceleration(sample.stamp))
         force = minus(force, left, self._curve_acceleration(sample))
+        # [m/s^2] difference from the force that the present vertical predicts
         error = minus(force, self._vertical, GRAVITY)
-        # weight of the force, which is below 1 for an error above LEVELLING_FORCE
-        belief = min(LEVELLING_FORCE / max(sqrt(dot(error, error)), 1e-6), 1.0)
-        pull = belief * duration / (self._levelling_time * GRAVITY)
-        # `minus` with a negative factor adds a part of the error, so the vertical turns towards the force
+        error_size = max(sqrt(dot(error, error)), 1e-6)
+        # part of the error that counts; it shortens a larger error to the size LEVELLING_FORCE
+        counted_part = min(LEVELLING_FORCE / error_size, 1.0)
+        # A low-pass filter corrects the part duration / _levelling_time of the error. The error is divided by
+        # GRAVITY, because the error is a force, but the vertical has the length 1.
+        pull = counted_part * duration / (self._levelling_time * GRAVITY)
+        # `minus` with a negative factor adds the correction, so the vertical turns towards the force
         self._vertical = unit(minus(self._vertical, error, -pull)) or self._vertical
 
     def _ground_axes(self, imu_in_base: Quaternion) -> Tuple[Vector3, Vector3]:
@@ -375,17 +386,16 @@ class CrashDetector:
         ahead, left = self._ground_axes(imu_in_base)
         force = sample.specific_force
         force_up = dot(force, self._vertical) - GRAVITY  # `_vertical` points upwards
-        # a shock from below comes from the ground and is not a crash, so its forces are limited. A large
-        # force ahead is reduced by the size of the vertical force at the same time. The forces to the left
-        # and up are cut off; the limit to the left is higher, because the body rolls on its tyres.
+        # A shock from below comes from the ground and is not a crash, so each force is limited.
+        # A large force ahead is reduced by the size of the vertical force at the same time.
         force_ahead = _damped(dot(force, ahead), force_up)
-        # the whole force is cut off, with the part by driving a curve, because the shock acts on all of it
+        # the limit to the left is higher, because the body rolls on its tyres; the limit is for the measured
+        # force, so the acceleration of the curve is subtracted afterwards
         force_left = _clamped(dot(force, left), SIDEWAYS_FACTOR * SHOCK_FORCE)
+        force_left -= self._curve_acceleration(sample)
+        force_up = _clamped(force_up, SHOCK_FORCE)
         return _Increment(
-            sample.stamp,
-            ahead=force_ahead * duration,
-            left=(force_left - self._curve_acceleration(sample)) * duration,
-            up=_clamped(force_up, SHOCK_FORCE) * duration,
+            sample.stamp, ahead=force_ahead * duration, left=force_left * duration, up=force_up * duration
         )
 
     def _judge_change(self) -> Optional[float]:
@@ -399,12 +409,14 @@ class CrashDetector:
         end = self._last_stamp - LATENESS
         changes = self._velocity_changes(end)
         vibration, vibration_before = self._add_vibration(changes.squared_swing, end)
-        learning = LEARNING_TIME + _roughness(vibration) * (LEARNING_ROUGH - LEARNING_TIME)
+        # [s] from LEARNING_TIME on smooth ground to LEARNING_ROUGH on rough ground
+        learning_time = LEARNING_TIME + _roughness(vibration) * (LEARNING_ROUGH - LEARNING_TIME)
         # `_levelling_time` is the time since the first sample, as long as that is shorter than LEVELLING_TIME
-        if self._levelling_time < learning:
+        if self._levelling_time < learning_time:
             return None
-        # A push from the side counts only as far as the robot keeps the velocity that it gained, so the
-        # smaller of `pushed_left` and `left` counts. A push to the right makes both of them negative.
+        # A push from the side counts only as far as the robot keeps the velocity that it gained. If the robot
+        # gains 0.5 m/s to the left and keeps 0.3 m/s, the push to the left is 0.3 m/s. A push to the right
+        # makes both values negative, so the signs are changed.
         push_to_left = min(changes.pushed_left, changes.left)
         push_to_right = min(-changes.pushed_left, -changes.left)
         sideways = max(push_to_left, push_to_right)
@@ -414,7 +426,11 @@ class CrashDetector:
         return hypot(changes.ahead, changes.left) if is_crash else None
 
     def _velocity_changes(self, end: float) -> _VelocityChanges:
-        """Return the changes of velocity that end at a time [s], and drop the increments before them."""
+        """Return the changes of velocity that end at a time [s], and drop the increments before them.
+
+        A change of velocity is a sum of the increments of the samples. Each change has its own limits of age,
+        or its own weights. The module's docstring shows the times BEFORE, `window` and AFTER.
+        """
         window = self._config.window
         longest = AFTER + window + BEFORE
         while self._increments and self._increments[0].stamp <= end - longest:
@@ -430,12 +446,15 @@ class CrashDetector:
             weight = self._weight(age)
             ahead += weight * ahead_by
             left += weight * left_by
+            # the last `window` seconds before the end, which show the vibration of the ground now
             if age < window - 1e-6:
                 swung_left += left_by
                 swung_up += up_by
+            # the time `window` between BEFORE and AFTER, in which a collision pushes the robot
             if AFTER - 1e-6 < age < AFTER + window - 1e-6:
                 pushed_left += left_by
-        return _VelocityChanges(ahead, left, pushed_left, swung_left * swung_left + swung_up * swung_up)
+        squared_swing = swung_left * swung_left + swung_up * swung_up
+        return _VelocityChanges(ahead, left, pushed_left, squared_swing)
 
     def _add_vibration(self, squared_swing: float, end: float) -> Tuple[float, float]:
         """Add a squared velocity [m^2/s^2], and return the vibration of the ground.
@@ -476,40 +495,45 @@ class CrashDetector:
     def _unexplained_loss(self, change_ahead: float, end: float) -> float:
         """Return the speed that the robot has lost, minus the speed that its wheels have lost [m/s].
 
-        A robot that brakes loses speed as fast as its wheels, so this is near 0; in a crash it is large.
-        Odometry may be late or early by up to `odometry_delay`, so the shift that explains most of the loss
-        counts. If the direction of travel is unknown, the larger of the losses in both directions counts.
+        A robot that brakes loses speed as fast as its wheels, so the result is near 0. In a crash, the result
+        is large. The odometry may be shifted in time, so the shift that explains most of the loss counts. If
+        the direction of travel is unknown, the larger of the losses in both directions counts.
 
         Args:
             change_ahead: change of the velocity ahead, by the IMU [m/s].
             end: time at which the change ended [s].
         """
-        # speed of the wheels at the end of the time BEFORE, which gives the direction of travel; None if
-        # unknown
+        wheel_changes = self._possible_wheel_changes(end)
+        # Forwards, a loss of speed is a negative change. If the robot's velocity changes by -0.5 m/s, and the
+        # speed of its wheels by -0.2 m/s, the loss is 0.3 m/s. The most negative change of the wheels
+        # explains most of the loss.
+        loss_forwards = min(wheel_changes) - change_ahead
+        # backwards, all signs are the other way round
+        loss_backwards = change_ahead - max(wheel_changes)
+        # the speed at the end of the time BEFORE gives the direction of travel
         speed_before = self._speed_at(end - AFTER - self._config.window)
-        # Possible changes of the wheels' speed. The first is 0, because wheels that only become faster take
-        # no speed from the robot. The others come from odometry, for five shifts in time. As for the IMU,
-        # each is a weighted sum of increments. Here an increment is the change of speed between two messages,
-        # and its age is the age of the middle between them.
+        if speed_before is None or abs(speed_before) < STANDING_SPEED:
+            return max(loss_forwards, loss_backwards)
+        return loss_forwards if speed_before > 0.0 else loss_backwards
+
+    def _possible_wheel_changes(self, end: float) -> List[float]:
+        """Return the changes that the wheels' speed may have had in the change that ended at `end` [m/s].
+
+        Odometry may be late or early by up to `odometry_delay`, so there is a change for each of five shifts
+        in time. One more is 0, because wheels that only become faster take no speed from the robot.
+        """
         wheel_changes = [0.0]
         for shift in (-1.0, -0.5, 0.0, 0.5, 1.0):
             shifted_end, change = end + shift * self._config.odometry_delay, 0.0
-            # each message of odometry with the next message
+            # As for the IMU, a change is a weighted sum of increments. Here an increment is the change of
+            # speed from one message to the next. Its age is the age of the middle between the two messages.
             pairs = zip(self._wheel_speeds, islice(self._wheel_speeds, 1, None))
             for (stamp, speed), (next_stamp, next_speed) in pairs:
                 if next_speed != speed:
                     age = shifted_end - 0.5 * (stamp + next_stamp)
                     change += (next_speed - speed) * self._weight(age)
             wheel_changes.append(change)
-        losses = []
-        # Forwards, a loss of speed is a negative change. If the robot's velocity changes by -0.5 m/s, and the
-        # speed of its wheels by -0.2 m/s, the loss is 0.3 m/s. The most negative change of the wheels
-        # explains most of the loss. Backwards, all signs are the other way round.
-        if speed_before is None or speed_before > -STANDING_SPEED:  # the robot may have driven forwards
-            losses.append(min(wheel_changes) - change_ahead)
-        if speed_before is None or speed_before < STANDING_SPEED:  # the robot may have driven backwards
-            losses.append(change_ahead - max(wheel_changes))
-        return max(losses)
+        return wheel_changes
 
     def _speed_at(self, stamp: float) -> Optional[float]:
         """Return the wheels' speed at a time, by linear interpolation [m/s]; None if it is unknown."""
@@ -536,4 +560,5 @@ def _damped(force: float, force_up: float) -> float:
 
 
 def _clamped(value: float, limit: float) -> float:
+    """Return the value, or the nearer of `limit` and -`limit` if the value is beyond them."""
     return min(max(value, -limit), limit)
