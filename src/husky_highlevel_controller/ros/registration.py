@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import threading
 import time
+from math import inf
 from typing import Any, Callable, Optional, Tuple
 
 import rosgraph
@@ -44,7 +45,8 @@ class Registration:
     def look(self) -> Optional[bool]:
         """Ask the master whether it lists this node, and set `is_lost` if it does not.
 
-        The result is None if the master does not answer within DEADLINE.
+        The result is None, and `is_lost` stays as it is, if the master does not answer within DEADLINE, or if
+        this node is shutting down.
         No answer does not mean that the registration is lost, because the master may be slow, or out of reach
         for a while.
         """
@@ -57,6 +59,8 @@ class Registration:
             # parameter also makes the name known. But every node of rospy registers the service get_loggers.
             code, _ = self._ask("lookupService", f"{name}/get_loggers")
             is_known = code == SUCCESS
+        # `code` belongs to the last question. During a shutdown, no answer counts, because rospy itself then
+        # takes the node off the master's list.
         if code == NO_ANSWER or rospy.core.is_shutdown_requested():
             return None
         if not is_known:
@@ -94,14 +98,10 @@ class RegistrationWatch:
         After a loss, zero is commanded every STAND_PERIOD. The loss is published on /diagnostics every
         PERIOD, and logged every REPORT_PERIOD.
         """
-        while not (self.is_lost or rospy.is_shutdown()):
-            # the pause comes first, because the node has just registered and is busy with its start
-            time.sleep(PERIOD)
-            with contained("the look for this node's registration"):
-                self._registration.look()  # may set `is_lost`
-        # [s] wall times of the last line in the log and of the last message on /diagnostics; with these start
-        # values, both are due at once
-        said_at = published_at = -REPORT_PERIOD
+        self._wait_for_loss()
+        # [s] wall times of the last line in the log and of the last message on /diagnostics; -inf lets the
+        # first line and the first message come at once
+        said_at = published_at = -inf
         while not rospy.is_shutdown():
             now = time.monotonic()
             with contained("standing still"):
@@ -112,10 +112,20 @@ class RegistrationWatch:
                     rospy.logerr(LOST)
                 if now - published_at >= PERIOD:
                     published_at = now
-                    status = DiagnosticStatus(
-                        DiagnosticStatus.ERROR, rospy.get_name().strip("/"), LOST, "husky", []
-                    )
-                    array = DiagnosticArray(status=[status])
-                    array.header.stamp = rospy.Time.now()
-                    publish(self._diagnostics, array)
+                    self._publish_loss()
             time.sleep(STAND_PERIOD)
+
+    def _wait_for_loss(self) -> None:
+        """Ask the master every PERIOD, until the registration is lost or the node is shut down."""
+        while not (self.is_lost or rospy.is_shutdown()):
+            # the pause comes first, because the node has just registered and is busy with its start
+            time.sleep(PERIOD)
+            with contained("the look for this node's registration"):
+                self._registration.look()  # may set `is_lost`
+
+    def _publish_loss(self) -> None:
+        """Publish on /diagnostics, as an error of this node, that its registration is lost."""
+        status = DiagnosticStatus(DiagnosticStatus.ERROR, rospy.get_name().strip("/"), LOST, "husky", [])
+        array = DiagnosticArray(status=[status])
+        array.header.stamp = rospy.Time.now()
+        publish(self._diagnostics, array)

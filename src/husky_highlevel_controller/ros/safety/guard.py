@@ -107,14 +107,15 @@ class Guard:
     def time_of(self, stamp: float, who: str, effect: str) -> float:
         """Return the time of a sensor's message by odometry's clock [s].
 
-        This is the stamp of the message if the clocks of sensor and odometry agree. Otherwise the stamp would
-        not show which velocity the robot had, so it is the stamp of the newest odometry, with a warning.
+        The call also measures the offset between the clocks of sensor and odometry (`clocks.seconds`). If the
+        clocks agree, the result is the stamp of the message. Otherwise the stamp would not show which
+        velocity the robot had, so the result is the stamp of the newest odometry, and a warning is logged.
 
         Args:
             stamp: stamp of the message [s].
             who: beginning of the warning that the clocks differ, such as "scans are".
-            effect: end of this warning, which says what the guard does until the user has set the clocks or
-                the stamps, as the sentence about the difference demands.
+            effect: end of this warning: what the guard does as long as the clocks differ, such as "no crash
+                is detected".
         """
         self.clocks.add(stamp, time.monotonic())
         # the clocks agree; an offset within the tolerance is exactly 0

@@ -57,14 +57,11 @@ class ProximityStopNode:
         stamp = self._guard.time_of(scan.stamp, "scans are", "the newest odometry is used for them")
         twist = self._guard.twist(stamp)
         laser_in_base = lookup_pose(self._transforms, BASE, scan.frame)
-        if twist is None or laser_in_base is None:
-            reason = frame_sentence(scan.frame)
-            if twist is None:
-                reason = "no odometry in the last 0.5 s; check that the robot is running"
-            now = rospy.get_time()  # ROS time, because the stamps of the scans may stand still
-            self._blind_since = min(self._blind_since, now)
-            if now - self._blind_since >= STARTING_TIME:
-                rospy.logwarn_throttle(REPORT_PERIOD, f"guard inactive: {reason}")
+        if twist is None:
+            self._note_blind_scan("no odometry in the last 0.5 s; check that the robot is running")
+            return
+        if laser_in_base is None:
+            self._note_blind_scan(frame_sentence(scan.frame))
             return
         self._blind_since = inf
         # [m] distance to an obstacle for which the robot must brake now; None if there is no such obstacle
@@ -81,6 +78,14 @@ class ProximityStopNode:
         # `judge` is called for every scan, also without a danger, because it notices when the robot drives
         # again after a stop
         self._guard.judge(stamp, danger)
+
+    def _note_blind_scan(self, reason: str) -> None:
+        """Note that a scan cannot be judged; warn with the reason if this has lasted for STARTING_TIME."""
+        now = rospy.get_time()  # ROS time, because the stamps of the scans may stand still
+        # inf becomes `now`; an earlier time stays, except if ROS time has gone back since then
+        self._blind_since = min(self._blind_since, now)
+        if now - self._blind_since >= STARTING_TIME:
+            rospy.logwarn_throttle(REPORT_PERIOD, f"guard inactive: {reason}")
 
 
 def main() -> None:

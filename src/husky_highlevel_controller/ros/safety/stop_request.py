@@ -86,18 +86,9 @@ class StopRequest:
         on, and between two calls, zero commands are sent, because the robot must not drive on meanwhile. If a
         call succeeds before ZERO_DELAY, no zero command is sent, because the controller stops the robot.
         """
-        begin = time.monotonic()  # [s] wall time at which the service is first called
+        zeros_from = time.monotonic() + ZERO_DELAY  # [s] wall time; the service is first called now
         while not is_shutdown():
-            answers = self._start_call()  # queue that gets the reason of a failure, or None for success
-            end = time.monotonic() + CALL_TIMEOUT
-            failure: Optional[str] = f"it did not answer within {CALL_TIMEOUT:g} s"
-            while time.monotonic() < end and not is_shutdown():
-                try:
-                    failure = answers.get(timeout=ZERO_PERIOD)
-                    break
-                except queue.Empty:
-                    if time.monotonic() - begin > ZERO_DELAY:
-                        self._command_zero()
+            failure = self._failure_of_call(zeros_from, is_shutdown)
             if failure is None:
                 self._on_success(danger)
                 return
@@ -106,6 +97,21 @@ class StopRequest:
             while time.monotonic() < again and not is_shutdown():
                 self._command_zero()
                 time.sleep(ZERO_PERIOD)
+
+    def _failure_of_call(self, zeros_from: float, is_shutdown: Callable[[], bool]) -> Optional[str]:
+        """Call the service, and return why the call has failed, or None if it has succeeded.
+
+        While there is no answer, zero commands are sent, but only after the wall time `zeros_from` [s].
+        """
+        answers = self._start_call()  # queue that gets the reason of a failure, or None for success
+        end = time.monotonic() + CALL_TIMEOUT
+        while time.monotonic() < end and not is_shutdown():
+            try:
+                return answers.get(timeout=ZERO_PERIOD)
+            except queue.Empty:
+                if time.monotonic() > zeros_from:
+                    self._command_zero()
+        return f"it did not answer within {CALL_TIMEOUT:g} s"
 
     def _start_call(self) -> queue.Queue[Optional[str]]:
         """Call the service in a new thread, and return the queue that gets the outcome.
