@@ -110,20 +110,21 @@ def scan_from_msg(msg: LaserScan) -> Scan:
     ranges = np.array(msg.ranges, dtype=float)
     ranges.setflags(write=False)  # the array must not change, because it belongs to a record
     _check_geometry(msg, len(ranges))
-    steps = max(len(ranges) - 1, 0)
+    # [rad] angle from the first beam to the last; the increment of a scan with one beam may be any number
+    angle = msg.angle_increment * (len(ranges) - 1) if len(ranges) > 1 else 0.0
     scan = Scan(
         stamp=msg.header.stamp.to_sec(),
         frame=msg.header.frame_id.lstrip("/"),  # older drivers send a leading slash, which tf2 rejects
         angle_min=msg.angle_min,
-        angle_max=msg.angle_min + (msg.angle_increment * steps if steps else 0.0),
+        angle_max=msg.angle_min + angle,
         range_min=msg.range_min,
         range_max=msg.range_max,
         ranges=ranges,
         time_increment=msg.time_increment,
         scan_time=msg.scan_time,
     )
-    # A scan in millimetres has a very large range_max, or ranges beyond range_max, which are not valid. The
-    # check takes time, so other scans are not checked.
+    # The ranges are perhaps in millimetres in two cases: range_max is very large, or no range is valid,
+    # because all are beyond range_max. Only these scans are checked, because the check takes time.
     if scan.range_max > MAX_NEAREST_RETURN or not scan.valid_count:
         _check_unit(scan)
     return scan
@@ -144,8 +145,8 @@ def _check_geometry(msg: LaserScan, beams: int) -> None:
     elif beams > 1 and not MIN_INCREMENT <= increment <= 2.0 * pi:
         limits = f"{MIN_INCREMENT:g} to {2.0 * pi:.2f} rad are possible"
         problem = f"angle_increment = {msg.angle_increment} rad; {limits}"
-    # some drivers send the first beam a second time as the last beam, so one step beyond a full turn is
-    # allowed
+    # The beams have `beams - 1` steps. The last step may be beyond a full turn, because some drivers send the
+    # first beam a second time as the last beam. So only the other `beams - 2` steps are tested.
     elif increment * (beams - 2) > full_turn:
         whole_angle = f"together {increment * (beams - 1):.4g} rad, more than a turn"
         problem = (

@@ -50,10 +50,7 @@ def never_read(names: Iterable[str], requests: Mapping[Request, bool]) -> Iterat
         return
     read_names = {request.parameter.rstrip("/") for request, is_found in requests.items() if is_found}
     for name in names:
-        # The owner is the node below whose name the parameter is. Several nodes may match, because the name
-        # of a node may be a namespace of other nodes. Then the node with the longest name is the owner.
-        owners = [node for node in absent_by_node if name.startswith(f"{node}/")]
-        owner = max(owners, key=len, default=None)
+        owner = _owner(name, absent_by_node)  # only nodes that asked for an absent parameter count
         # a node that reads a whole namespace reads all parameters in it
         is_read = any(name == read or name.startswith(f"{read}/") for read in read_names)
         if owner is None or is_read:
@@ -64,6 +61,16 @@ def never_read(names: Iterable[str], requests: Mapping[Request, bool]) -> Iterat
         greatest_likeness, most_similar = max(likeness_and_asked)
         if greatest_likeness >= MIN_LIKENESS:
             yield UnreadParameter(owner, name, most_similar)
+
+
+def _owner(name: str, nodes: Iterable[str]) -> Optional[str]:
+    """Return the node below whose name a parameter is; None if the parameter is below none of the nodes.
+
+    Several nodes may match, because the name of a node may be a namespace of other nodes. Then the node with
+    the longest name is the owner.
+    """
+    owners = [node for node in nodes if name.startswith(f"{node}/")]
+    return max(owners, key=len, default=None)
 
 
 def _likeness(name: str, asked: str, node: str) -> float:
@@ -191,11 +198,12 @@ class ParameterMaster(rosmaster.master_api.ROSMasterHandler):
         if is_tool and not is_own:
             return
         request = Request(caller_id, name)
-        # a request is stored if it is new or its answer has changed; after MAX_REQUESTS, no new requests are
-        # stored
         with self._requests_lock:
-            has_changed = self._requests.get(request) is not is_found
-            if has_changed and (request in self._requests or len(self._requests) < MAX_REQUESTS):
+            was_found = self._requests.get(request)  # None if the request is new
+            if was_found is is_found:
+                return
+            # the answer to a known request may always change, but only MAX_REQUESTS requests are stored
+            if was_found is not None or len(self._requests) < MAX_REQUESTS:
                 self._requests[request] = is_found
                 self._unread = None  # the list of unread parameters must be made again
 

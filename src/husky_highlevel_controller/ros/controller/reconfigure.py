@@ -72,8 +72,9 @@ class _Server(Server):
             if self.type.type.get(name) not in ("double", "int"):
                 continue
             smallest, largest = self.type.min[name], self.type.max[name]
-            old_value = self.config[name]
-            allowed = min(max(value, smallest), largest) if isfinite(value) else old_value
+            allowed = self.config[name]  # the old value, which stays if the new one is NaN or inf
+            if isfinite(value):
+                allowed = min(max(value, smallest), largest)  # the nearest value within the limits
             if allowed != value:
                 accepted[name] = allowed
                 rospy.logwarn(

@@ -106,6 +106,7 @@ def _paths(sources: List[str]) -> Dict[str, np.ndarray]:
     """
     files = [source for source in sources if source.endswith(".bag")]
     topics = [source for source in sources if source not in files]
+    # each source as the end of a name, such as "/odom of run.bag" or "/odom now", and its paths by topic
     paths_by_source = [(f"of {file}", paths_of_bag(Path(file))) for file in files]
     if topics:
         paths_by_source.append(("now", paths_of_topics(topics)))
@@ -114,5 +115,6 @@ def _paths(sources: List[str]) -> Dict[str, np.ndarray]:
         for topic, path in paths_by_topic.items():
             if not path:
                 raise HuskyError(f"no message arrived on {topic}")
-            paths[f"{topic} {source}" if topic in paths else topic] = np.array(path)
+            name = f"{topic} {source}" if topic in paths else topic
+            paths[name] = np.array(path)
     return paths
