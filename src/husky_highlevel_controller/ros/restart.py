@@ -71,13 +71,13 @@ def run_again_after_crash(command: Sequence[str]) -> int:
     Returns:
         Exit code of the last run; negative if a signal ended it.
     """
-    stopping = 0  # number of the signal that this program has received; 0 if it has received none
+    stop_signal = 0  # number of the signal that this program has received; 0 if it has received none
     process: Optional[subprocess.Popen] = None
 
     def pass_on(number: int, _frame: Any) -> None:
         """Send a signal to the program, and remember that it must not be started again."""
-        nonlocal stopping
-        stopping = number
+        nonlocal stop_signal
+        stop_signal = number
         if process is not None:
             process.send_signal(number)
 
@@ -86,12 +86,12 @@ def run_again_after_crash(command: Sequence[str]) -> int:
         signal.signal(number, pass_on)
     for attempt in (1, 2):
         process = subprocess.Popen(list(command))
-        if stopping:  # the signal came before `process` was set, so it was not passed on
-            process.send_signal(stopping)
+        if stop_signal:  # the signal came before `process` was set, so it was not passed on
+            process.send_signal(stop_signal)
         # negative number of the signal that ended the program, otherwise its exit code
         code = process.wait()
         has_crashed = code in CRASHES
-        if not has_crashed or stopping or attempt == 2:
+        if not has_crashed or stop_signal or attempt == 2:
             break
         name = Path(command[0]).name
         print(f"{name} crashed with {signal.Signals(-code).name}; starting it once more", file=sys.stderr)

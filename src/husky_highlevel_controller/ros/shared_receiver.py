@@ -58,9 +58,9 @@ class SharedReceiver:
             _deliver(connection, callback)
             with self._lock:
                 self._connections[sock.fileno()] = connection, callback
-                # With EPOLLET, `poll` returns the sockets in the order in which their data came. Without
-                # EPOLLET, a socket that `poll` has returned keeps its place in front of the others until the
-                # next `poll`. So its newer data would come before older data of the others.
+                # EPOLLET lets `poll` return the sockets in the order in which their data came. Without it, a
+                # socket that `poll` has returned would stay first, also before a socket with older data.
+                # `poll` also returns this socket if its data came before this call.
                 self._epoll.register(sock.fileno(), select.EPOLLIN | select.EPOLLET)
         except Exception as error:
             _give_back(connection, callback, error)

@@ -108,8 +108,9 @@ class PromptConnection(QueuedConnection):
                         # this method of rospy's plain connection waits until the socket has taken the data
                         self._connection.write_data(data)
                     except Exception as error:
+                        # rospy raises this error when a later message is published. The loop goes on, as in
+                        # rospy, because a further write to a closed connection fails at once.
                         with self._lock:
-                            # rospy raises this error when a later message is published
                             self._error = error
 
 
