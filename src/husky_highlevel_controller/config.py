@@ -289,8 +289,9 @@ def _items(kinds: Any, value: Any, name: str, metadata: Mapping[str, Any], from_
         from_parameters: as for `_value`.
     """
     entries = _checked_list(value, name, metadata)
-    # for Tuple[X, ...] and Sequence[X], the caller gives as many `kinds` as there are entries; then only the
-    # "length" of the field limits the number of entries
+    # The types of a tuple such as Tuple[int, int] say how many entries there must be. For Tuple[X, ...] and
+    # Sequence[X], the caller gives as many `kinds` as there are entries. Then only the "length" of the field,
+    # if it has one, limits the number of entries.
     length = metadata.get("length", len(kinds))
     if len(entries) != length or len(entries) != len(kinds):
         raise ConfigError(f"{name} has {len(entries)} entries, not {length}{_help_text(metadata)}")

@@ -82,20 +82,20 @@ class ClockOffset:
             return 0.0
         period = progress / self._new_references  # [s] period of the reference
         message_period = abs(stamp - first) / (self._message_count - 1)
-        # [s] If the clocks are equal, the smallest difference is at most this. The reference comes once in
-        # its period, so no message is newer than the last reference by more than this period. One message
-        # comes within `message_period` after a reference.
+        # [s] If the clocks are equal, a message is newer than the last reference by 0 to `period`. If
+        # messages are more frequent than that, one of them comes within `message_period` after a reference.
+        # So the smallest difference is at most the shorter of the two periods.
         slack = min(period, message_period)
         # the tolerance is for delays in wall time; if simulated time passes faster than wall time, the same
         # delay is longer in simulated time
         tolerance = self._tolerance * max(progress / (now - begin), 1.0) + slack
         if self._smallest_difference > tolerance:
             return self._smallest_difference
-        # If the clocks are equal, the largest difference is about one period of the reference. It belongs to
-        # the message that comes shortly before the next reference. If the clock of the messages is behind,
-        # the largest difference is smaller by the offset.
-        behind = self._largest_difference - period
-        return behind if behind < -tolerance else 0.0
+        # The message with the largest difference comes shortly before the next reference. If the clocks are
+        # equal, this difference is about `period`. If the clock of the messages is 2 s behind, the difference
+        # is about `period` - 2 s.
+        offset = self._largest_difference - period
+        return offset if offset < -tolerance else 0.0
 
 
 def clock_sentence(who: str, seconds: float, reference: str) -> str:

@@ -134,28 +134,47 @@ def follow(
         Sighting(pillar, transform_point(laser_in_odom, (pillar.x, pillar.y, 0.0))) for pillar in pillars
     ]
     estimate = track.estimate
-    if estimate is not None:
-        sighting = _match(estimate, sightings, scan.stamp)
-        if sighting is not None:
-            sighted = _updated(track, sighting, period, scan, laser_in_odom)
-            # an object that moves is a leg or a wheel, so it is given up although the scan shows it
-            if not _walks(sighted, sighting.pillar):
-                return _confirmed_if_watched(sighted, laser_in_odom), sighting, Visibility.SEEN
-            track = _give_up(sighted, reject=True)._replace(walked_to=sighting.center_in_odom[:2])
-        else:
-            visibility = look_at(estimate, scan, laser_in_odom)
-            weight = _weight_of_miss(visibility, track, laser_in_odom, keep_hidden)
-            track = track._replace(missed_time=track.missed_time + weight * period, updated_at=scan.stamp)
-            if track.missed_time <= EMPTY_TIMEOUT:
-                return track, None, visibility
-            # a confirmed pillar is given up only if its position looked empty, or stayed hidden although it
-            # is near, so its position is rejected. A pillar that is not confirmed may only have been hidden
-            # or out of view; its position is rejected only if it looks empty.
-            track = _give_up(track, reject=track.confirmed or visibility is Visibility.EMPTY)
+    if estimate is None:
+        return _begin_anew(track, sightings, period, scan, laser_in_odom)
+    sighting = _match(estimate, sightings, scan.stamp)
+    if sighting is not None:
+        sighted = _updated(track, sighting, period, scan, laser_in_odom)
+        if not _walks(sighted, sighting.pillar):
+            return _confirmed_if_watched(sighted, laser_in_odom), sighting, Visibility.SEEN
+        # an object that moves is a leg or a wheel, so it is given up although the scan shows it
+        track = _give_up(sighted, reject=True)._replace(walked_to=sighting.center_in_odom[:2])
+    else:
+        visibility = look_at(estimate, scan, laser_in_odom)
+        weight = _weight_of_miss(visibility, track, laser_in_odom, keep_hidden)
+        track = track._replace(missed_time=track.missed_time + weight * period, updated_at=scan.stamp)
+        if track.missed_time <= EMPTY_TIMEOUT:
+            return track, None, visibility
+        # A confirmed pillar is missed for so long only if its position looked empty, or stayed hidden
+        # although it is near. So the position is rejected. A pillar that is not confirmed may only have been
+        # hidden or out of view. So its position is rejected only if it looks empty.
+        track = _give_up(track, reject=track.confirmed or visibility is Visibility.EMPTY)
+    return _begin_anew(track, sightings, period, scan, laser_in_odom)
 
-    # No pillar is tracked now, so the nearest pillar that is not at a rejected position is taken. The last
-    # choice is the object that was given up because it walked, because it is probably a person. This object
-    # is taken only if more beams fall on it than before. `sorted` puts false before true.
+
+def _begin_anew(
+    track: Track, sightings: List[Sighting], period: float, scan: Scan, laser_in_odom: Pose
+) -> Tuple[Track, Optional[Sighting], Visibility]:
+    """Begin to track a pillar of a scan: the nearest one that is not at a rejected position.
+
+    An object that was given up because it walked is the last choice, because it is probably a person. As at
+    every rejected position, it is taken only if more beams fall on it than before.
+
+    Args:
+        track: track without a pillar, which knows the rejected positions.
+        sightings: pillars of this scan, nearest first.
+        period: time since the last scan [s].
+        scan: the scan.
+        laser_in_odom: pose of the lidar at the scan.
+
+    Returns:
+        The new track, the pillar that it follows now, if any, and whether there is one: SEEN or UNKNOWN.
+    """
+    # `sorted` puts false before true, and otherwise keeps the order
     walker_last = sorted(sightings, key=lambda sighting: _is_at(track.walked_to, sighting))
     for sighting in walker_last:
         if not _is_rejected(sighting, track):
@@ -278,19 +297,24 @@ def look_at(estimate: Estimate, scan: Scan, laser_in_odom: Pose) -> Visibility:
     distance = hypot(x, y)
     if step == 0.0 or distance - estimate.radius > scan.range_max:
         return Visibility.OUT_OF_VIEW
-    # `first` to `last` are the indices of the beams that should meet the pillar, without the outermost tenth
-    # of the pillar
-    half_width = asin(min(0.9 * estimate.radius / max(distance, 1e-9), 1.0)) / abs(step)
+    # Beams that pass the centre within this should meet the pillar [m]. The outermost tenth is left out,
+    # because a small error of the position can make a beam miss the pillar there.
+    inner_radius = 0.9 * estimate.radius
+    half_angle = asin(min(inner_radius / max(distance, 1e-9), 1.0))
+    half_width = half_angle / abs(step)  # the angle as a number of beams
     # Index of the beam that would point exactly to the pillar's centre, usually not a whole number. A scan
     # may begin at any angle, so whole turns are added until the index is positive.
     beams_per_turn = 2.0 * pi / abs(step)
     middle = (atan2(y, x) - scan.angle_min) / step % beams_per_turn
+    # Indices of the first and the last beam that should meet the pillar. `int` rounds down, so both are
+    # inside: the middle 10.3 and the half width 2.5 reach from 7.8 to 12.8, so the beams are 8 to 12.
     first, last = int(middle - half_width + 1.0), int(middle + half_width)
     # the pillar lies at an end of the scan, or is so far away that it gets fewer than two beams
     if first < 1 or last > len(scan.ranges) - 2 or last <= first:
         return Visibility.OUT_OF_VIEW
-    # [m] a range may be shorter than the distance of the pillar by this; a still shorter range means that a
-    # nearer object hides the pillar
+    # [m] A beam may end before the pillar by this error of the distance, which is 5 cm and a tenth of the
+    # distance, but at most 30 cm, and two standard deviations of the position. A still shorter range means
+    # that a nearer object hides the pillar.
     slack = min(0.05 + 0.1 * distance, 0.3) + 2.0 * estimate.deviation
     nearest_expected = max(distance - estimate.radius - slack, scan.range_min)
     # [m] a beam that meets nothing is inf here, so it passes beyond the pillar
@@ -333,9 +357,9 @@ def _updated(track: Track, sighting: Sighting, period: float, scan: Scan, laser_
     """
     pillar, (x, y, _) = sighting
     radius = pillar.radius
-    # [m^2] variance of a measured centre; its standard deviation is 5 mm plus a quarter of the distance
-    # between two beams at the pillar
-    variance = (0.005 + 0.25 * abs(scan.angle_increment) * hypot(pillar.x, pillar.y)) ** 2
+    # [m] A measured centre has a standard deviation of 5 mm, and of a quarter of the distance between two
+    # beams at the pillar, because the beams show the edges of the pillar only as finely as that.
+    variance = (0.005 + 0.25 * abs(scan.angle_increment) * hypot(pillar.x, pillar.y)) ** 2  # [m^2]
     old = track.estimate
     if old is not None:
         old_variance = _deviation_at(old, scan.stamp) ** 2
@@ -346,7 +370,7 @@ def _updated(track: Track, sighting: Sighting, period: float, scan: Scan, laser_
     estimate = Estimate(x, y, radius, sqrt(variance), scan.stamp)
     return track._replace(
         estimate=estimate,
-        # one scan that shows the pillar makes up for two scans that do not show it
+        # a scan that shows the pillar counts twice, so it makes up for two scans that do not show the pillar
         missed_time=max(track.missed_time - 2.0 * period, 0.0),
         beams=max(track.beams, pillar.beams),
         updated_at=scan.stamp,

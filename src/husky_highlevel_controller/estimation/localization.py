@@ -33,8 +33,8 @@ class Localization:
         """Make a filter without readings."""
         options = config.options
         self._frequency, self._predicts_to_now = options.frequency, options.predict_to_current_time
-        # [s] an estimate is predicted to its time if the last measurement is older than this; without the
-        # option, the limit is one period of the estimates
+        # [s] An estimate is predicted to its time if the last measurement is older than this. If the
+        # parameter `sensor_timeout` is not set, this is one period of the estimates.
         self._sensor_timeout = 1.0 / options.frequency
         if options.sensor_timeout is not None:
             self._sensor_timeout = options.sensor_timeout
@@ -47,8 +47,8 @@ class Localization:
         self._waiting_readings: List[Tuple[float, str, Reading, Mounting]] = []
         self._first_stamp = inf  # [s] stamp of the first reading
         self._last_stamps: Dict[str, float] = {}  # [s] stamp of the last reading of each sensor
-        # [s] stamp of the last pose from `set_pose`, and stamp of the last estimate
-        self._pose_set_at = self._last_sent_stamp = -inf
+        self._pose_set_at = -inf  # [s] stamp of the last pose from `set_pose`
+        self._last_sent_stamp = -inf  # [s] stamp of the last estimate that was returned
         self._next_period = 0  # time of the next estimate, as a number of periods from time 0
 
     def set_pose(self, stamp: float, pose: np.ndarray, covariance: np.ndarray) -> None:
@@ -73,9 +73,9 @@ class Localization:
             name: name of the sensor, such as odom0.
             reading: its reading.
             mounting: pose of the sensor, and pose of the frame in which it gives its poses.
-            silent: names of sensors from which the caller has received nothing for a long wall time. The
-                filter no longer waits for such a sensor if its last reading is older than the newest reading
-                of all sensors by more than PATIENCE. None stands for the names of all sensors.
+            silent: names of the sensors from which the caller has received nothing for a long wall time. The
+                filter gives up such a sensor, and no longer waits for it, if its last reading is older than
+                the newest reading of all sensors by more than PATIENCE. None stands for all sensors.
 
         Raises:
             ReadingError: the reading is not later than the one before, or a used number is not finite.
@@ -98,15 +98,17 @@ class Localization:
         while self._waiting_readings and self._waiting_readings[0][0] <= horizon:
             # the oldest reading that waits, which may be of another sensor than the new reading
             stamp, sensor, oldest_reading, its_mounting = heapq.heappop(self._waiting_readings)
-            # estimates for the time before this reading; none if the filter has not started
+            # Estimates for the time before this reading; none if the filter has not started. An estimate for
+            # the same time as the reading comes later, because it must use the reading.
             due_estimates += self._estimates(stamp - SAME_TIME)
-            # the first measurement starts the filter, so the first estimate is for the next full period after
-            # this reading
+            # the first measurement starts the filter, so the first estimate is for the first full period that
+            # is not before this reading
             if not self._ekf.started:
                 self._next_period = ceil((stamp - SAME_TIME) * self._frequency)
             yaw_rate = float(self._ekf.estimate.state[YAW_RATE])
             for measurement in self._sensors[sensor].measurements(oldest_reading, its_mounting, yaw_rate):
                 self._ekf.process(measurement)
+        # all readings up to `horizon` are processed, so an estimate for the time `horizon` is due, too
         return due_estimates + self._estimates(horizon + SAME_TIME)
 
     def _horizon(self, silent: Collection[str]) -> float:
