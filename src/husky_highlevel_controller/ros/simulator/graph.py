@@ -62,9 +62,11 @@ class Partners:
             command_topics: names of the topics of commands, as a text for the log.
             has_sender: returns whether a node that sends commands is connected to this node.
         """
-        self._scans, self._publishers = scans, [*others, scans] if scans else others
+        self._scans = scans
+        # publishers whose subscribers must all be connected
+        self._publishers: Sequence[rospy.Publisher] = [*others, scans] if scans else others
         self.command_topics, self._has_command_sender = command_topics, has_sender
-        self.scan_topic = scans.resolved_name if scans else ""
+        self.scan_topic = scans.resolved_name if scans else ""  # empty for a robot without a lidar
 
     def joined(self) -> bool:
         """Return whether all partners are connected; false if the master does not answer."""

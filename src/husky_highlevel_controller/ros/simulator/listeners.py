@@ -40,7 +40,8 @@ MAX_THREADS = 200
 RUNNING_STATES = {b"R", b"D"}
 
 Ports = Tuple[int, int]  # TCP ports of a connection: port of the subscriber, port of this process
-# text of the file SCHEDULE of each thread; the text changes whenever the thread runs
+# Turns of a process: for each thread, the text of its file SCHEDULE, in which the kernel counts how often it
+# has let the thread run on a CPU. If the text is the same at two looks, the thread has not run between them.
 Turns = Dict[str, bytes]
 
 
@@ -48,7 +49,12 @@ class Listeners:
     """The processes on this machine that subscribe to a publisher's topic or to /clock."""
 
     def __init__(self, publisher: Optional[rospy.Publisher], clock: rospy.Publisher) -> None:
-        """Find the listeners of `publisher`, which is None if the topic is not published."""
+        """Set up without any process; `asleep` finds the processes.
+
+        Args:
+            publisher: publisher of the topic; None if the topic is not published.
+            clock: publisher of /clock.
+        """
         self._publisher, self._clock = publisher, clock
         # ports of the connections to all subscribers of the topic or of /clock
         self._ports: Set[Ports] = set()
@@ -61,53 +67,62 @@ class Listeners:
         self._clock_receivers: Set[int] = set()  # ids of the processes that receive the clock
         # true if all processes that receive the topic are on this machine, where they can be seen
         self._sees_all_receivers = False
-        # True if the short check of `asleep` is possible: all processes in `_processes` run Python, and the
-        # kernel counts turns. While a node in Python waits, its turns do not change. A node in C++ wakes
-        # every millisecond while it waits.
+        # True if equal turns (how often the threads have run) can show that a process waits: the kernel
+        # counts turns, and all processes in `_processes` run Python. A node in Python does not run while it
+        # waits, but a node in C++ wakes every millisecond.
         self._can_check_turns = False
-        # turns of each process when all processes were last found asleep; if the turns of a process are now
+        # turns of each process, when all processes were last found asleep; if the turns of a process are now
         # different, it has run since then
         self._turns_when_idle: Dict[int, Optional[Turns]] = {}
 
     def asleep(self) -> bool:
         """Return whether all listeners are asleep, and stay so until a message is sent.
 
-        The result is false if a receiver of the topic runs, or if it is on another machine, where it cannot
-        be seen. The call takes some milliseconds. It looks at all threads again and again, until a look finds
-        a running receiver of the topic (then the result is false), or one of two checks is passed:
+        The result is false if a receiver of the topic is on another machine, where it cannot be seen. The
+        call looks at all threads several times, for some milliseconds. If a look finds that a receiver of the
+        topic or another thread of this process runs, the result is false. The result is true if one of two
+        checks is passed:
 
-        - The short check is only possible for nodes in Python. No thread has run between two looks, and all
-          receivers of the clock have run since the last tick, so they have received it. The kernel counts how
-          often it lets a thread run on a CPU (its turns). If the turns are equal, the thread has not run.
-        - The long check is for nodes in any language. A node in C++ wakes for a moment every millisecond
-          while it waits, so its turns may change. It is enough that no look within ASLEEP_FOR has found a
-          running receiver of the topic. Processes that receive only the clock do not count.
+        - The short check is only possible for nodes in Python. No thread has run between two looks, because
+          its turns are the same, and each receiver of the clock has received the last tick.
+        - The long check is for nodes in any language. No look within ASLEEP_FOR has found a receiver of the
+          topic that runs. Here the turns may change, because a node in C++ wakes for a moment every
+          millisecond while it waits.
         """
         self._find_processes()
         if not self._sees_all_receivers:
             return False
-        end, last_turns = time.monotonic() + ASLEEP_FOR, None
+        end = time.monotonic() + ASLEEP_FOR
+        last_turns = None  # turns at the last look; None before the first look
         while True:
-            # None means that a thread of this process works, so it may be about to send something
-            if self._own_threads.turns() is None:
-                return False
-            # turns by process; None for a process with a running thread
-            turns = {process: threads.turns() for process, threads in self._processes.items()}
-            if any(turns[process] is None for process in self._topic_receivers):
+            turns = self._turns_if_receivers_wait()
+            if turns is None:
                 return False
             passes_short_check = (
                 self._can_check_turns and turns == last_turns and self._have_worked_and_sleep(turns)
             )
-            # at `end`, the long check is passed, because no look has found a running receiver of the topic
-            if passes_short_check or time.monotonic() >= end:
+            passes_long_check = time.monotonic() >= end  # no look has found a receiver that runs
+            if passes_short_check or passes_long_check:
                 self._turns_when_idle = turns
                 return True
-            # if the short check is possible, there is no pause before the second look, because this check is
-            # passed when two looks have found the same turns
-            is_first_look = last_turns is None
-            if not (is_first_look and self._can_check_turns):
+            # the short check compares two looks, so the second look follows the first at once
+            looks_again_at_once = self._can_check_turns and last_turns is None
+            if not looks_again_at_once:
                 time.sleep(LOOK_PERIOD)
             last_turns = turns
+
+    def _turns_if_receivers_wait(self) -> Optional[Dict[int, Optional[Turns]]]:
+        """Look at all threads, and return the turns by process, or None if a receiver of the topic runs.
+
+        The result is also None if a thread of this process runs, because it may be about to send a message
+        to a receiver. A process that receives only the clock may run; then it has None in place of turns.
+        """
+        if self._own_threads.turns() is None:
+            return None
+        turns = {process: threads.turns() for process, threads in self._processes.items()}
+        if any(turns[process] is None for process in self._topic_receivers):
+            return None
+        return turns
 
     def _find_processes(self) -> None:
         """Find the processes that listen, if the connections have changed since the last call."""
@@ -161,9 +176,7 @@ class _Threads:
             threads = []
         for ended in self._files.keys() - threads:
             self._forget(ended)
-        # for each thread, the text of its file SCHEDULE; the text changes whenever the thread has run, and is
-        # only compared with the text of the next check
-        turns = {}
+        turns = {}  # text of the file SCHEDULE of each thread
         own_thread = str(threading.get_native_id())
         for thread in threads:
             if thread == own_thread:  # this thread makes the check, so it is always running

@@ -169,7 +169,7 @@ class Lockstep:
 
         If the controller sleeps by simulated time, no command can come before the clock goes on. Then the
         wait ends without a command, and the mode is SLEEPING (see `Mode`). After AWAKE answered scans in a
-        row, the mode from before the sleep comes back.
+        row, the mode changes again (see `_count_answers`).
 
         Args:
             meanwhile: serves calls, and is called again and again.
@@ -192,17 +192,32 @@ class Lockstep:
                 "asleep", "it does not answer every scan with a command, so scans continue while it sleeps"
             )
         self._answer_is_due = False
-        self._answered_in_a_row = self._answered_in_a_row + 1 if self._answered.is_set() else 0
-        if self._answered_in_a_row >= AWAKE:
-            if self._mode is Mode.SLEEPING:
-                self._mode = self._mode_before_sleep
-            # the controller answers each scan, so the simulator no longer waits at ticks, except in the mode
-            # ALWAYS_WATCHED
-            if self._mode is Mode.WATCHED:
-                self._mode = Mode.ANSWERING
+        self._count_answers()
+
+    def _count_answers(self) -> None:
+        """Count the scans that were answered in a row, and after AWAKE of them, change the mode.
+
+        An unanswered scan sets the count to 0. After AWAKE answers, the controller no longer counts as
+        asleep, so the mode SLEEPING ends, and the mode from before the sleep comes back. The mode WATCHED
+        becomes ANSWERING, also if WATCHED has just come back, because a controller that answers each scan
+        need not be waited for at ticks. The mode ALWAYS_WATCHED stays.
+        """
+        if not self._answered.is_set():
+            self._answered_in_a_row = 0
+            return
+        self._answered_in_a_row += 1
+        if self._answered_in_a_row < AWAKE:
+            return
+        if self._mode is Mode.SLEEPING:
+            self._mode = self._mode_before_sleep
+        if self._mode is Mode.WATCHED:
+            self._mode = Mode.ANSWERING
 
     def tick(self, meanwhile: Callable[[], None], again: Callable[[], None]) -> None:
         """Wait until the listeners have done their work at this tick; call this after each tick of the clock.
+
+        If a controller sends a command at the tick of a scan, before the scan is sent, then the mode WATCHED
+        becomes ALWAYS_WATCHED. In the mode SLEEPING, this change is made for the time after the sleep.
 
         Args:
             meanwhile: serves calls, and is called again and again.
@@ -213,14 +228,15 @@ class Lockstep:
         if self._mode in (*_WATCHING_MODES, Mode.SLEEPING):
             again()
             self._wait_until_idle(meanwhile)
-        # `_answer_is_due` is true if this tick belongs to a scan, because `begin_scan` is called before the
-        # tick. The scan itself is sent only after the tick. So if a command has already come, the controller
-        # sends its commands at ticks of /clock, and from now on the simulator always waits at ticks.
-        if self._answer_is_due and self._answered.is_set():
-            if self._mode is Mode.WATCHED:
-                self._mode = Mode.ALWAYS_WATCHED
-            if self._mode is Mode.SLEEPING and self._mode_before_sleep is Mode.WATCHED:
-                self._mode_before_sleep = Mode.ALWAYS_WATCHED
+        # A step with a scan first calls `begin_scan`, which forgets all commands, then this method, and sends
+        # the scan last. So a command that has come by now was caused by the tick, not by the scan.
+        has_commanded_at_tick = self._answer_is_due and self._answered.is_set()
+        if not has_commanded_at_tick:
+            return
+        if self._mode is Mode.WATCHED:
+            self._mode = Mode.ALWAYS_WATCHED
+        elif self._mode is Mode.SLEEPING and self._mode_before_sleep is Mode.WATCHED:
+            self._mode_before_sleep = Mode.ALWAYS_WATCHED
 
     def _wait_for_command(
         self, meanwhile: Callable[[], None], resend: Callable[[], None], nudge: Callable[[], None]
@@ -235,41 +251,45 @@ class Lockstep:
           controller may sleep until a time between two ticks, so `nudge` moves the clock.
 
         If the listeners are idle SLEEP_TIMEOUT after this attempt, and still no command has come, the
-        controller sleeps by simulated time.
+        controller sleeps by simulated time, and the mode becomes SLEEPING. If a command comes only after
+        the nudge, the mode becomes ALWAYS_WATCHED.
         """
+        if self._answered.is_set():
+            return
         waits_for_first = not self._has_commanded  # true before the very first command
-        # [s] wall time at which the wait began; after a resend or a nudge, the wall time of the resend or the
-        # nudge
-        waiting_since = time.monotonic()
-        has_retried = False  # true after `resend` or `nudge` was called; only one of them is called, once
+        began_at = time.monotonic()  # [s] wall time
+        attempted_at: Optional[float] = None  # [s] wall time of the resend or of the nudge; None before it
 
-        def is_over() -> bool:
-            """Serve calls, resend or nudge if due, and return whether the wait is over."""
-            nonlocal waiting_since, has_retried
-            meanwhile()
-            waited = time.monotonic() - waiting_since  # [s]
-            if waits_for_first and not has_retried:
+        def attempt_is_due() -> bool:
+            """Return whether it is time to resend the scan, or to nudge the clock."""
+            waited = time.monotonic() - began_at  # [s]
+            if waits_for_first:
                 # The controller may be starting, so it may look idle; only the time decides. `_has_commanded`
                 # is read again, because the first command may have just come, and then the scan must not be
                 # sent again.
-                if waited > RESEND_TIMEOUT and not self._has_commanded:
-                    waiting_since, has_retried = time.monotonic(), True
-                    resend()
-            elif waited > SLEEP_TIMEOUT and self._listeners.asleep():
-                if has_retried:  # neither `resend` nor `nudge` has helped, so the controller sleeps
-                    self._mode_before_sleep, self._mode = self._mode, Mode.SLEEPING
-                    return True
-                waiting_since, has_retried = time.monotonic(), True
-                nudge()
+                return waited > RESEND_TIMEOUT and not self._has_commanded
+            return waited > SLEEP_TIMEOUT and self._listeners.asleep()
+
+        def is_over() -> bool:
+            """Serve calls, resend or nudge if due, and return whether the wait is over."""
+            nonlocal attempted_at
+            meanwhile()
+            if attempted_at is None:
+                if attempt_is_due():
+                    attempted_at = time.monotonic()
+                    attempt = resend if waits_for_first else nudge
+                    attempt()
+            elif time.monotonic() - attempted_at > SLEEP_TIMEOUT and self._listeners.asleep():
+                # the attempt has not helped, so the controller sleeps
+                self._mode_before_sleep, self._mode = self._mode, Mode.SLEEPING
+                return True
             return self._answered.wait(POLL_PERIOD)  # true if a command has come within POLL_PERIOD
 
-        if self._answered.is_set():
-            return
         self._wait_or_end_lockstep(is_over, ANSWER_TIMEOUT, missing="no command answers the scan")
         if self._mode is Mode.SLEEPING:
             rospy.loginfo_once("lockstep: a controller is sleeping; advancing one scan at a time")
             return
-        was_nudged = has_retried and not waits_for_first
+        was_nudged = attempted_at is not None and not waits_for_first
         if was_nudged and self._mode is not Mode.FREE:
             # The command came only after the nudge has moved the clock. So the controller sleeps between two
             # commands until a simulated time, and works at a tick. From now on, the simulator waits at each
