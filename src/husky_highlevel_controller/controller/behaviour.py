@@ -158,13 +158,7 @@ def decide(
         controller_state = ControllerState()
     moved = _moved(controller_state, observation)
     if moved:
-        # The robot was put elsewhere, or odom was reset. So a pillar is accepted again also at the positions
-        # that were rejected, and at the position to which the last object walked. The remembered pillar
-        # stays; the next scans show whether its position is empty.
-        track = controller_state.track._replace(rejected=(), walked_to=None)
-        controller_state = controller_state._replace(
-            track=track, started_at=None, at_pillar=False, in_room=False
-        )
+        controller_state = _put_elsewhere(controller_state)
 
     # perception: look for the pillar, and store in the state what this scan shows
     pillars = find_pillars(scan, detector_config)
@@ -189,14 +183,11 @@ def decide(
     was_at_pillar = controller_state.at_pillar
     at_pillar = action.state is State.ARRIVED or (was_at_pillar and remaining <= RESUME_DISTANCE)
     has_left_pillar = was_at_pillar and not at_pillar
-    # a drive to the pillar begins when the controller is started, and when an arrived robot leaves the pillar
-    started_at = controller_state.started_at
-    if not enabled:
-        started_at = None
-    elif started_at is None or has_left_pillar:
-        started_at = stamp
     controller_state = controller_state._replace(
-        state=action.state, at_pillar=at_pillar, search=action.search, started_at=started_at
+        state=action.state,
+        at_pillar=at_pillar,
+        search=action.search,
+        started_at=_started_at(controller_state, stamp, enabled, has_left_pillar),
     )
     output = ControlOutput(
         state=action.state,
@@ -224,6 +215,17 @@ def _moved(controller_state: ControllerState, observation: Observation) -> bool:
         return False
     elapsed = observation.scan.stamp - controller_state.updated_at
     return hypot(now.x - before.x, now.y - before.y) > TELEPORT_DISTANCE + TOP_SPEED * elapsed
+
+
+def _put_elsewhere(controller_state: ControllerState) -> ControllerState:
+    """Return the state of a robot that was put elsewhere, or whose odom was reset.
+
+    A pillar is accepted again also at the positions that were rejected, and at the position to which the last
+    object walked. The robot is not at the pillar, and begins a new drive. Walls of earlier scans no longer
+    count (`in_room`). The remembered pillar stays, because the next scans show whether its position is empty.
+    """
+    track = controller_state.track._replace(rejected=(), walked_to=None)
+    return controller_state._replace(track=track, started_at=None, at_pillar=False, in_room=False)
 
 
 class _Look(NamedTuple):
@@ -295,6 +297,26 @@ def _close_at(
     # the measured gap is noisy; because of the larger limit, one gap that is a little too large does not
     # start the time again
     return close_at if target.gap <= RESUME_DISTANCE else None
+
+
+def _started_at(
+    controller_state: ControllerState, stamp: float, enabled: bool, has_left_pillar: bool
+) -> Optional[float]:
+    """Return when the present drive to the pillar began [s]; None if the controller is stopped.
+
+    A drive begins when the controller is started, and when an arrived robot leaves the pillar.
+
+    Args:
+        controller_state: state with the beginning of the drive at the last scan.
+        stamp: stamp of this scan [s].
+        enabled: whether the robot may move.
+        has_left_pillar: whether the robot was at the pillar at the last scan, and is no longer there.
+    """
+    if not enabled:
+        return None
+    if controller_state.started_at is None or has_left_pillar:
+        return stamp
+    return controller_state.started_at
 
 
 class _Action(NamedTuple):
@@ -422,8 +444,7 @@ def _drive(
 ) -> _Action:
     """Choose the action of a robot that knows where the pillar is.
 
-    The robot drives to the pillar around obstacles, and stops at the stop distance. A pillar that it shall
-    touch counts as reached TOUCH_CREEP_TIME after the robot came close.
+    At the stop position the robot stands. On the way to it, the robot drives around obstacles.
 
     Args:
         controller_state: state with `close_at` and stamp of this scan, and with the action of the last scan.
@@ -435,24 +456,9 @@ def _drive(
         control: gains and limits.
     """
     remaining = remaining_distance(target, control)
-    had_arrived = controller_state.state is State.ARRIVED
-    # `tolerance`: the robot is at its stop position if `remaining` is at most this [m]
-    if to_be_touched(target, control):
-        tolerance, arrival = TOUCH_GAP, "arrived: touching the pillar"
-        close_at = controller_state.close_at
-        # `updated_at` is the stamp of this scan, so the difference is the time for which the robot has crept
-        is_reached = close_at is not None and controller_state.updated_at - close_at > TOUCH_CREEP_TIME
-    else:
-        tolerance, arrival = control.arrival_tolerance, "arrived: at the stop distance"
-        is_reached = remaining <= tolerance
-    # an arrived robot stays although it does not see the pillar, until `remaining` exceeds RESUME_DISTANCE
-    if (visible and is_reached) or (had_arrived and remaining <= RESUME_DISTANCE):
-        return _Action(State.ARRIVED, STOP, arrival)
-    # the robot is at its stop position, but does not see the pillar, so it turns the lidar to the remembered
-    # position
-    if not visible and remaining <= tolerance:
-        twist = heading_twist(target.bearing, 0.0, control)
-        return _Action(State.DRIVING, twist, "turning to the last position of the pillar")
+    action_at_stop = _action_at_stop(controller_state, target, remaining, visible, control)
+    if action_at_stop is not None:
+        return action_at_stop
 
     # Free direction that is nearest to the direction of the pillar, and equal to it if the way to the pillar
     # is free. The way need not be free beyond the stop point. In any other direction, `free_bearing` checks
@@ -470,3 +476,42 @@ def _drive(
     else:
         reason = f"the pillar is {visibility.value}; driving to its last position"
     return _Action(State.DRIVING, steer(target, control), reason)
+
+
+def _action_at_stop(
+    controller_state: ControllerState,
+    target: Target,
+    remaining: float,
+    visible: bool,
+    control: ControlConfig,
+) -> Optional[_Action]:
+    """Return the action of a robot that is at its stop position; None if the robot must still drive there.
+
+    The robot arrives only if it sees the pillar. Otherwise it turns the lidar to the remembered position.
+
+    Args:
+        controller_state: state with `close_at` and stamp of this scan, and with the action of the last scan.
+        target: pillar in base_link.
+        remaining: distance still to drive [m].
+        visible: whether this scan shows the pillar.
+        control: gains and limits.
+    """
+    # `tolerance`: the robot is at its stop position if `remaining` is at most this [m]
+    if to_be_touched(target, control):
+        tolerance, arrival = TOUCH_GAP, "arrived: touching the pillar"
+        # The measured gap has an error, so it does not show whether the robot touches the pillar. Instead,
+        # the robot touches it after it has crept for TOUCH_CREEP_TIME. `updated_at` is the stamp of this
+        # scan.
+        close_at = controller_state.close_at
+        is_reached = close_at is not None and controller_state.updated_at - close_at > TOUCH_CREEP_TIME
+    else:
+        tolerance, arrival = control.arrival_tolerance, "arrived: at the stop distance"
+        is_reached = remaining <= tolerance
+    # an arrived robot stays although it does not see the pillar, until `remaining` exceeds RESUME_DISTANCE
+    stays = controller_state.state is State.ARRIVED and remaining <= RESUME_DISTANCE
+    if (visible and is_reached) or stays:
+        return _Action(State.ARRIVED, STOP, arrival)
+    if not visible and remaining <= tolerance:
+        twist = heading_twist(target.bearing, 0.0, control)
+        return _Action(State.DRIVING, twist, "turning to the last position of the pillar")
+    return None

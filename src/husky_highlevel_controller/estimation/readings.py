@@ -137,43 +137,56 @@ class MotionSensor:
 
         With the parameter `differential`, the result is the velocity since the last reading, and None for the
         first reading. Otherwise, with the parameter `relative`, the pose is relative to the pose of the first
-        reading. IMUs and odometry have these parameters.
+        reading. IMUs and odometry have these parameters. The last or the first pose is stored for this.
         """
         if reading.pose is None or not self._pose_used.any():
             return None
-        # `turn` is the rotation (quaternion) from the axes of the reading to the axes of the result, by which
-        # the covariance and the mask of the used values are turned
+        # The axes of the result may be turned against the axes of the reading. `turn` is this rotation, by
+        # which the covariance and the mask of the used values are turned.
         if self._is_imu:
             # the measured attitude of the sensor is changed to the attitude of base_link
             pose, turn = _level_attitude(reading.pose, mounting.sensor_in_base)
         elif self._config.differential:
-            # the result is a velocity along base_link's axes, so nothing must be rotated
+            # the result is a velocity along base_link's axes, so nothing is turned
             pose, turn = reading.pose, Pose().quat_xyzw
         else:
             # the pose is given in a frame of its own, and is changed to a pose in odom at the end
             pose, turn = reading.pose, mounting.pose_frame_in_odom.quat_xyzw
         axes = matrix_from_quat(turn)
         used, covariance = _turned(axes, self._pose_used), _turned_covariance(axes, reading.pose_covariance)
-
         if self._config.differential:
-            last = self._last_reading
-            self._last_reading = (reading.stamp, pose, covariance)
-            if last is None:
-                return None
-            last_stamp, last_pose, last_covariance = last
-            duration = reading.stamp - last_stamp
-            velocity = _numbers(compose(inverse(last_pose), pose)) / duration
-            # a variance should be divided by duration^2, but robot_localization multiplies by `duration`, and
-            # this filter must give the same results
-            velocity_covariance = (covariance + last_covariance) * duration
-            return _planar(reading.stamp, (VX, VY, YAW_RATE), used, velocity, velocity_covariance)
-
+            return self._velocity_since_last(reading.stamp, pose, used, covariance)
         if self._config.relative:
             self._first_pose = self._first_pose or pose
             pose = compose(inverse(self._first_pose), pose)
         if not self._is_imu:  # the attitude of an IMU needs no other frame
             pose = compose(mounting.pose_frame_in_odom, pose)
         return _planar(reading.stamp, (X, Y, YAW), used, _numbers(pose), covariance)
+
+    def _velocity_since_last(
+        self, stamp: float, pose: Pose, used: np.ndarray, covariance: np.ndarray
+    ) -> Optional[Measurement]:
+        """Return the mean velocity from the last pose to this pose, and store this pose as the last one.
+
+        The result is None for the first pose.
+
+        Args:
+            stamp: stamp of the reading [s].
+            pose: measured pose.
+            used: mask of the used values of the pose, (6,).
+            covariance: covariance of the pose, (6, 6).
+        """
+        last = self._last_reading
+        self._last_reading = (stamp, pose, covariance)
+        if last is None:
+            return None
+        last_stamp, last_pose, last_covariance = last
+        duration = stamp - last_stamp
+        velocity = _numbers(compose(inverse(last_pose), pose)) / duration
+        # a variance should be divided by duration^2, but robot_localization multiplies by `duration`, and
+        # this filter must give the same results
+        velocity_covariance = (covariance + last_covariance) * duration
+        return _planar(stamp, (VX, VY, YAW_RATE), used, velocity, velocity_covariance)
 
     def _velocity(self, reading: Reading, sensor_in_base: Pose, yaw_rate: float) -> Optional[Measurement]:
         """Return the velocity of base_link by a reading; None if it is not measured or not used.
