@@ -135,9 +135,8 @@ def fit_circle(segment: Segment, radius: float, noise: float) -> Circle:
     origin, directions = segment.near + radius, segment.directions
     points = segment.ranges * directions
     points[0] -= origin
-    # one column for each beam: n_x, n_y, -1 and e; (n_x, n_y) is the unit vector from the end of the beam to
-    # the centre, and e is the error. `to_centre`, `to_centre_x`, `to_centre_y` and `error` are parts of
-    # `rows`.
+    # One column for each beam i: n_ix, n_iy, -1 and e_i, which are J_i and the error. The other names are
+    # parts of `rows`; `to_centre` has the two rows of the unit vectors n_i.
     rows = np.empty((4, len(segment.ranges)))
     rows[2] = -1.0
     to_centre, to_centre_x, to_centre_y, error = rows[:2], rows[0], rows[1], rows[3]
@@ -150,15 +149,16 @@ def fit_circle(segment: Segment, radius: float, noise: float) -> Circle:
         to_centre /= np.maximum(distance, 1e-9, out=distance)
         np.subtract(distance, r, out=error)
         cosine = np.add.reduce(to_centre * directions)  # sum over x and y, which is the product n_i . d_i
+        # A beam's four numbers are divided by cos_i. A product of two of these numbers then has the weight
+        # 1 / cos_i^2, so this matrix product gives all the weighted sums.
         weighted = rows / np.maximum(cosine, MIN_COSINE, out=cosine)
-        # each row of `weighted` has the factor 1 / cos_i, so a product of two rows has the weight 1 / cos_i^2
         products = (weighted @ weighted.T).tolist()
         last_radius = r
         (x, y, r), step_length = _improved((x, y, r), products, radius)
         if step_length < _SETTLED:
             break
-    # Radius by the beams alone, without the expected radius, and its possible error `free_slack`. `products`
-    # and `error` belong to the circle before the last step, so the change is added to `last_radius`.
+    # `products` and `error` belong to the circle before the last step, whose radius is `last_radius`. So the
+    # change to the radius by the beams alone is added to `last_radius`.
     free_change, free_slack = _free_radius(products, len(error), noise)
     residual = sqrt(float(error @ error) / len(error))
     sum_squared_error = products[3][3]  # sum_i w_i e_i^2
@@ -227,12 +227,15 @@ def _free_radius(products: Products, count: int, noise: float) -> Tuple[float, f
     covariance = _inverse(xx + _X_WEIGHT, xy, xr, yy + _FREE_WEIGHT, yr, rr + _FREE_WEIGHT)
     dx, dy, dr = _apply(covariance, (xe, ye, re))  # step of Gauss-Newton by the beams alone
     degrees_of_freedom = max(count - 3, 1e-3)  # a circle has three parameters
-    # variance of a beam's error: the squared errors that are left after the step, for each degree of freedom
-    variance = max(ee - (dx * xe + dy * ye + dr * re), 0.0) / degrees_of_freedom
+    # a step of least squares makes the sum of the squared errors smaller by the product of step and (xe, ye,
+    # re)
+    left_after_step = ee - (dx * xe + dy * ye + dr * re)
+    variance = max(left_after_step, 0.0) / degrees_of_freedom  # variance of one beam's error
     standard_error = sqrt((variance + noise**2) * max(covariance[2][2], 0.0))
-    # The step is subtracted from the circle, so the radius changes by -dr. The possible error is a multiple
-    # of the standard error, which is larger for few beams, as in Student's t distribution.
-    return -dr, (2.0 + 4.0 / degrees_of_freedom) * standard_error
+    # Two standard errors are enough for many beams (95 %). For few beams, the variance itself is uncertain,
+    # so the factor is larger, about as in Student's t distribution: 4 for five beams.
+    possible_error = (2.0 + 4.0 / degrees_of_freedom) * standard_error
+    return -dr, possible_error  # the step is subtracted from the circle, so the radius changes by -dr
 
 
 def _inverse(a: Number, b: Number, c: Number, d: Number, e: Number, f: Number) -> Matrix3[Number]:

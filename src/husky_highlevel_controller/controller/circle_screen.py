@@ -141,7 +141,7 @@ def _geometric_fits(segments: Segments, radius: float, noise: float) -> _Fits:
     # minus sign below.
     terms = np.empty((9, len(beams)))
 
-    def residuals() -> Tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    def beam_errors() -> Tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Return the derivatives of each beam's error by x and y, the error [m], and its weight.
 
         The error is the distance of the beam's end point from the present circle. Its derivatives (dx, dy)
@@ -157,7 +157,7 @@ def _geometric_fits(segments: Segments, radius: float, noise: float) -> _Fits:
         return dx, dy, distance - r[segment_of_beam], np.divide(1.0, cosine * cosine)
 
     for _ in range(MAX_STEPS):
-        dx, dy, error, weight = residuals()
+        dx, dy, error, weight = beam_errors()
         wx, wy, we = weight * dx, weight * dy, weight * error
         # `out` writes into `terms`, so that no new arrays are made
         np.multiply(wx, dx, out=terms[0])  # xx of each beam
@@ -178,8 +178,28 @@ def _geometric_fits(segments: Segments, radius: float, noise: float) -> _Fits:
         x, y = x - fraction * step_x, y - fraction * step_y
         r = np.maximum(r - fraction * step_r, 0.1 * radius)
 
-    # errors of the fitted circles, which are compared with the errors of straight lines
-    _, _, error, weight = residuals()
+    _, _, error, weight = beam_errors()
+    residual, line_lead = _residuals_and_line_leads(segments, error, weight, (px, py), noise)
+    return _Fits(origin + x, y, r, residual, line_lead, near, count, first, last)
+
+
+def _residuals_and_line_leads(
+    segments: Segments,
+    error: np.ndarray,
+    weight: np.ndarray,
+    ends: Tuple[np.ndarray, np.ndarray],
+    noise: float,
+) -> Tuple[np.ndarray, np.ndarray]:
+    """Return what the errors of the fitted circles show, `residual` and `line_lead` of `_Fits`.
+
+    Args:
+        segments: beams of S segments, B beams in all.
+        error: distance of each beam's end point from the circle of its segment, (B,) [m].
+        weight: weight of each beam in the fit, (B,).
+        ends: x and y of the end points, each in the frame of its segment, (B,) [m].
+        noise: range differences below this are noise [m].
+    """
+    ranges, count, (px, py) = segments.ranges, segments.counts, ends
     squares = error * error
     u, v = ranges * px, ranges * py
     # A straight line has the equation 1 / r = a cos + b sin in polar coordinates. Multiplied by r^2, this is
@@ -188,12 +208,14 @@ def _geometric_fits(segments: Segments, radius: float, noise: float) -> _Fits:
     line_terms = (u * u, u * v, v * v, u * ranges, v * ranges, ranges * ranges)
     # (8, S) sums over the beams of each segment: squared distances from the circle, weighted squared errors
     # of the circle, and six sums for the line
-    sums = np.add.reduceat(np.stack((squares, weight * squares, *line_terms)), starts, axis=1)
-    # lead of a line over the circle: (number of beams - 2 parameters of a line) * log(error of the circle /
-    # error of the line); the error by noise is added to each
+    summands = np.stack((squares, weight * squares, *line_terms))
+    sums = np.add.reduceat(summands, segments.starts, axis=1)
     circle_error, line_error, noise_error = sums[1], line_squared_error(sums[2:]), count * noise**2
-    line_lead = np.maximum(count - 2, 1) * np.log((circle_error + noise_error) / (line_error + noise_error))
-    return _Fits(origin + x, y, r, np.sqrt(sums[0] / count), line_lead, near, count, first, last)
+    # the squared errors that noise alone would make are added to both, so that differences below the noise do
+    # not count
+    ratio = (circle_error + noise_error) / (line_error + noise_error)
+    line_lead = np.maximum(count - 2, 1) * np.log(ratio)  # a line has two parameters
+    return np.sqrt(sums[0] / count), line_lead
 
 
 def _silhouettes(scan: Scan, fits: _Fits, slack: float) -> Tuple[np.ndarray, np.ndarray]:
@@ -212,29 +234,49 @@ def _silhouettes(scan: Scan, fits: _Fits, slack: float) -> Tuple[np.ndarray, np.
         the circle; beams of the segment itself do not count.
     """
     # `[:, None]` makes an array (S,) into a column (S, 1), so that it can be combined with S rows of beams
-    step, distance, r = abs(scan.angle_increment), np.hypot(fits.x, fits.y), fits.radius[:, None]
-    # beams that pass the centre within `inner_radius` [m] should meet the circle
-    inner_radius = np.maximum(INNER_PART * fits.radius - INNER_RESIDUALS * fits.residual - _MARGIN, 0.0)
-    # `half_width` is the angle between the outermost of these beams and the centre, as a number of beams.
-    # `centre` is the index of the beam that would point to the centre; it is usually not a whole number. The
-    # beams from index `low` to index `high` of the scan should meet the circle.
-    half_width = np.arcsin(np.minimum(inner_radius / np.maximum(distance, 1e-9), 1.0)) / step
-    centre = 0.5 * (fits.first + fits.last) + np.arctan2(fits.y, fits.x) / scan.angle_increment
-    low = np.maximum(np.ceil(centre - half_width), 0.0)
-    high = np.minimum(centre + half_width, len(scan.ranges) - 1.0)
-    # each of the S rows has indices of beams from `low` on, in equal steps of 1 or more; if there are fewer
-    # than _SAMPLES beams, the last indices of a row are above `high`
-    stride = np.maximum((high - low) / _SAMPLES, 1.0)
-    samples = np.floor(low[:, None] + stride[:, None] * np.arange(_SAMPLES))
-    # [rad] angle between a beam and the direction of the circle's centre
-    angle = (samples - centre[:, None]) * step
+    distance, r = np.hypot(fits.x, fits.y), fits.radius[:, None]
+    samples, angle, is_other = _sampled_beams(scan, fits, distance)
     # [m] distance at which the line of a beam passes the circle's centre, and range at which the beam should
     # meet the circle
     across = np.minimum(np.abs(distance[:, None] * np.sin(angle)), r)
     expected = distance[:, None] * np.cos(angle) - np.sqrt(r * r - across * across)
     reading = scan.returns[np.clip(samples, 0, len(scan.ranges) - 1).astype(int)]
-    is_own = (samples >= fits.first[:, None]) & (samples <= fits.last[:, None])
-    is_other = (samples <= high[:, None]) & ~is_own
     missing = is_other & (reading > expected + slack + _MARGIN)
     hidden = is_other & (reading < expected - slack - _MARGIN)
     return missing.sum(axis=1), hidden.sum(axis=1)
+
+
+def _sampled_beams(
+    scan: Scan, fits: _Fits, distance: np.ndarray
+) -> Tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Choose up to _SAMPLES of the beams that should meet each circle, evenly from all of them.
+
+    Args:
+        scan: the scan.
+        fits: circles of S segments.
+        distance: distances of their centres, (S,) [m].
+
+    Returns:
+        Three arrays (S, _SAMPLES): indices of beams, angles between the beams and the direction of the
+        circle's centre [rad], and a mask of the beams that count. A beam does not count if its index is
+        beyond the beams that should meet the circle, or if it belongs to the segment itself.
+    """
+    step = abs(scan.angle_increment)
+    # beams that pass the centre within `inner_radius` [m] should meet the circle
+    inner_radius = np.maximum(INNER_PART * fits.radius - INNER_RESIDUALS * fits.residual - _MARGIN, 0.0)
+    # `half_width` is the angle between the outermost of these beams and the centre, as a number of beams
+    half_angle = np.arcsin(np.minimum(inner_radius / np.maximum(distance, 1e-9), 1.0))
+    half_width = half_angle / step
+    # index of the beam that would point to the centre; it is usually not a whole number
+    centre = 0.5 * (fits.first + fits.last) + np.arctan2(fits.y, fits.x) / scan.angle_increment
+    # the beams from index `low` to index `high` of the scan should meet the circle
+    low = np.maximum(np.ceil(centre - half_width), 0.0)
+    high = np.minimum(centre + half_width, len(scan.ranges) - 1.0)
+    # Each of the S rows has indices of beams from `low` on, in equal steps of 1 or more. If fewer than
+    # _SAMPLES beams should meet the circle, the last indices of a row are above `high`.
+    stride = np.maximum((high - low) / _SAMPLES, 1.0)
+    samples = np.floor(low[:, None] + stride[:, None] * np.arange(_SAMPLES))
+    angle = (samples - centre[:, None]) * step
+    is_own = (samples >= fits.first[:, None]) & (samples <= fits.last[:, None])
+    is_other = (samples <= high[:, None]) & ~is_own
+    return samples, angle, is_other

@@ -160,8 +160,10 @@ def _starts_of_bodies(
     if not len(left):
         return np.array((0,)), left  # all beams lie on one body; no beam is omitted, and `left` is empty
     breaks = left[on_two_bodies(left, left + 1)] + 1  # indices at which the second and each later body begin
-    # a body has only one beam if the next body begins at the next beam
-    lonely = breaks[:-1][breaks[1:] == breaks[:-1] + 1]
+    # A body has only one beam if the next body begins at the next beam. If bodies begin at 3, 4 and 9, the
+    # beam 3 is alone.
+    is_alone = breaks[1:] == breaks[:-1] + 1
+    lonely = breaks[:-1][is_alone]
     # such a beam is omitted if the beams before and after it may lie on one body
     single = lonely[~on_two_bodies(lonely - 1, lonely + 1)]
     return np.concatenate(((0,), breaks)), single
@@ -283,23 +285,39 @@ def _silhouette(scan: Scan, config: PillarConfig, segment: Segment, circle: Circ
     is_own = np.zeros(len(scan.ranges), dtype=bool)
     if circle.sum_squared_error < slack**2:
         is_own[beams] = True
-    # indices of the other beams from `first` to `last`, without indices beyond the ends of the scan
-    others = (~is_own[max(first, 0) : max(last + 1, 0)]).nonzero()[0] + max(first, 0)
+    # Indices of the other beams from `first` to `last`. `nonzero` counts from the beginning of the slice, so
+    # `begin` is added. A slice may end beyond the scan, but it must not begin or end at a negative index.
+    begin, end = max(first, 0), max(last + 1, 0)
+    others = (~is_own[begin:end]).nonzero()[0] + begin
     # if the circle reaches beyond an end of the scan, this end counts as one hidden beam
     missing, hidden = 0, (first < 0) + (last >= len(scan.ranges))
     if len(others):
         # [rad] angle between a beam and the direction of the circle's centre
         angle = (others - centre) * step
-        # The line of a beam passes the circle's centre at the distance `across`. The line enters the circle
-        # `depth` [m] before the point of the line that is nearest to the centre.
-        across, square = distance * np.sin(angle), circle.radius * circle.radius
-        depth = np.sqrt(square - np.minimum(across * across, square))
-        # [m] range minus the range at which the beam should meet the circle; negative if the beam ends in
-        # front of the circle
-        excess = scan.returns[others] - distance * np.cos(angle) + depth
+        excess = _excess(scan.returns[others], angle, distance, circle.radius)
         missing = int(np.count_nonzero((np.abs(angle) <= half_angle) & (excess > slack)))
         hidden += int(np.count_nonzero(excess < -slack))
     return missing, hidden
+
+
+def _excess(ranges: np.ndarray, angle: np.ndarray, distance: float, radius: float) -> np.ndarray:
+    """Return the ranges minus the ranges at which the beams should meet a circle [m].
+
+    The result is negative if a beam ends in front of the circle. A beam that misses the circle counts as if
+    it should end at its point that is nearest to the centre.
+
+    Args:
+        ranges: ranges of the beams [m].
+        angle: angles between the beams and the direction of the circle's centre [rad].
+        distance: distance of the centre [m].
+        radius: radius of the circle [m].
+    """
+    # [m] distance at which the line of a beam passes the centre
+    across, square = distance * np.sin(angle), radius * radius
+    # [m] the line enters the circle by this length before its point that is nearest to the centre
+    depth = np.sqrt(square - np.minimum(across * across, square))
+    excess: np.ndarray = ranges - distance * np.cos(angle) + depth
+    return excess
 
 
 def _distinct(pillars: List[Pillar]) -> List[Pillar]:
