@@ -130,7 +130,7 @@ class Display:
         stamp = observation.scan.stamp
         if stamp < self._array_stamp:  # time went back, because the simulator was started again
             self._path.clear()
-            self._array_stamp = -inf
+            self._array_stamp = -inf  # the next array is due at once
         if output.moved:  # the robot was put elsewhere, or odom was reset
             self._path.clear()
         if observation.base_in_odom is not None:
@@ -141,18 +141,27 @@ class Display:
                 publish(self._marker_publisher, each)
         is_due = output.state is not self._array_state or stamp >= self._array_stamp + ARRAY_PERIOD
         if is_due and self._array_publisher.get_num_connections():
-            top = self._ground_height + pillar_height  # [m] height of the pillar's top in base_link
-            markers = _state_markers(observation, output, stop_distance, top)
-            if len(self._path) > 1:  # a line needs two points
-                # [m] only x is the width of the line in RViz
-                points, width = list(self._path), (0.04, 0.0, 0.0)
-                markers.append(marker(Marker.LINE_STRIP, PATH, stamp, ODOM, width, points=points))
-            publish(
-                self._array_publisher,
-                MarkerArray(self._with_deletions(self._array_publisher, markers, stamp)),
-            )
+            self._publish_array(observation, output, stop_distance, pillar_height)
             self._array_stamp, self._array_state = stamp, output.state
         self._publish_numbers(stamp, output)
+
+    def _publish_array(
+        self, observation: Observation, output: ControlOutput, stop_distance: float, pillar_height: float
+    ) -> None:
+        """Publish the markers of the estimate, the stop point, the state and the driven path as one message.
+
+        The arguments are those of `show`.
+        """
+        stamp = observation.scan.stamp
+        markers = _estimate_markers(observation, output, stop_distance)
+        top = self._ground_height + pillar_height  # [m] height of the pillar's top in base_link
+        markers.append(_state_marker(stamp, output, top))
+        if len(self._path) > 1:  # a line needs two points
+            # [m] only x is the width of the line in RViz
+            points, width = list(self._path), (0.04, 0.0, 0.0)
+            markers.append(marker(Marker.LINE_STRIP, PATH, stamp, ODOM, width, points=points))
+        markers = self._with_deletions(self._array_publisher, markers, stamp)
+        publish(self._array_publisher, MarkerArray(markers))
 
     def _extend_path(self, base_in_odom: Pose2D) -> None:
         """Add the position of the robot to the driven path if it is PATH_STEP away from the last point."""
@@ -289,43 +298,51 @@ def how_to_drive_again(viewers: Sequence[str], reset_service: str) -> str:
     return f"to drive again, {action}; Ctrl-C ends the launch"
 
 
-def _state_markers(
-    observation: Observation, output: ControlOutput, stop_distance: float, top: float
-) -> List[Marker]:
-    """Return the markers of the estimate, of the stop point and of the state.
+def _estimate_markers(observation: Observation, output: ControlOutput, stop_distance: float) -> List[Marker]:
+    """Return a disc for the remembered pillar, and a ball for the point where the lidar shall stop.
+
+    The part of the disc around the pillar is a ring, which shows the uncertainty of the pillar's position.
+    Without a remembered pillar, there is no marker.
 
     Args:
         observation: the scan, and where its lidar was.
         output: the answer to the scan.
         stop_distance: distance from the lidar to the pillar's surface at the stop [m].
+    """
+    estimate, stamp = output.estimate, observation.scan.stamp
+    if estimate is None:
+        return []
+    # [m] width of the ring: two standard deviations, but at least MIN_SPREAD
+    spread = max(2.0 * estimate.deviation, MIN_SPREAD)
+    diameter = 2.0 * (estimate.radius + spread)
+    size, center = (diameter, diameter, DISC_HEIGHT), Point(estimate.x, estimate.y, 0.0)
+    markers = [marker(Marker.CYLINDER, ESTIMATE, stamp, ODOM, size, center)]
+    if output.target_in_base is not None and observation.laser_in_base is not None:
+        goal = _stop_point(observation, output, stop_distance + estimate.radius)
+        ball_size = (0.16, 0.16, 0.16)  # [m]
+        markers.append(marker(Marker.SPHERE, TARGET, stamp, BASE, ball_size, goal))
+    return markers
+
+
+def _state_marker(stamp: float, output: ControlOutput, top: float) -> Marker:
+    """Return the state as a text above the pillar, or above the robot if the pillar's position is unknown.
+
+    Args:
+        stamp: stamp of the scan [s].
+        output: the answer to the scan.
         top: height of the pillar's top in base_link [m].
     """
-    stamp = observation.scan.stamp
-    markers = []
-    if output.estimate is not None:
-        # a disc whose ring around the pillar shows the uncertainty of the pillar's position: the ring is two
-        # standard deviations wide, but at least MIN_SPREAD
-        estimate = output.estimate
-        spread = max(2.0 * estimate.deviation, MIN_SPREAD)  # [m] width of the ring
-        diameter = 2.0 * (estimate.radius + spread)
-        size, center = (diameter, diameter, DISC_HEIGHT), Point(estimate.x, estimate.y, 0.0)
-        markers.append(marker(Marker.CYLINDER, ESTIMATE, stamp, ODOM, size, center))
-        if output.target_in_base is not None and observation.laser_in_base is not None:
-            # a ball with a diameter of 0.16 m at the point where the lidar shall stop
-            goal = _stop_point(observation, output, stop_distance + estimate.radius)
-            markers.append(marker(Marker.SPHERE, TARGET, stamp, BASE, (0.16, 0.16, 0.16), goal))
-
-    # the state as a text above the pillar, or above the robot if the pillar's position is unknown
     text = output.state.value
     if output.target_in_base is not None and output.state is not State.ARRIVED:
         text += f", {output.distance_error:.2f} m to go"
     x, y = output.target_in_base or (0.0, 0.0)
-    # [m] height with which the text looks equally large at any distance
+    # [m] height of the letters; it grows with the distance from RViz's camera, which is about CAMERA_BEHIND
+    # behind the robot, so that the text always looks equally large
     text_height = TEXT_ANGLE * (CAMERA_BEHIND + hypot(x, y))
-    position = Point(x, y, ABOVE_ROBOT if output.target_in_base is None else top + text_height)
+    # [m] a text is centred on its position, so `text_height` leaves a gap between the pillar and the text
+    z = ABOVE_ROBOT if output.target_in_base is None else top + text_height
     size = (0.0, 0.0, text_height)
-    markers.append(marker(Marker.TEXT_VIEW_FACING, STATE, stamp, BASE, size, position, text=text))
-    return markers
+    return marker(Marker.TEXT_VIEW_FACING, STATE, stamp, BASE, size, Point(x, y, z), text=text)
 
 
 def _stop_point(observation: Observation, output: ControlOutput, from_center: float) -> Point:

@@ -112,8 +112,8 @@ class ScanPlacement:
             # 0 means that TF has no odometry yet, or that its transform is static, which has no stamp
             if odometry_stamp > 0.0:
                 self._clock_offset.add_reference(odometry_stamp)
-            # compares the scan's stamp with the newest stamp of odometry; stamps are compared for a window of
-            # wall time, so the call also needs the wall time
+            # measures how far the scans' clock is ahead of odometry's clock, from the stamps of both that
+            # come in the same window of wall time
             self._clock_offset.add(scan.stamp, self._clock())
             pending = self._pending_scan
             # time goes back when the simulator is started again
@@ -200,8 +200,9 @@ class ScanPlacement:
         - Odometry counts as stopped, because a scan has already waited in vain for a newer transform.
         - The scans' clock is ahead of odometry's clock, so the stamp is always too new.
 
-        The transform is None if TF has none, or if the latest one is older than the scan by MAX_AGE, because
-        the robot would drive blindly. A transform with stamp 0 never counts as old, because it may be fixed.
+        The transform is None if TF has none. It is also None if the latest one is older than the scan by more
+        than MAX_AGE, because the robot would drive blindly. A transform with stamp 0 never counts as old,
+        because it may be fixed.
 
         Args:
             stamp: stamp of the scan.
@@ -226,16 +227,24 @@ class ScanPlacement:
                 return False, exact
         if has_passed:  # TF has moved on, so the transform at the stamp no longer comes
             return False, latest
-        # the scan is newer than the latest transform, so the transform at its stamp may still come
+        # The scan is newer than the latest transform. The stamps differ by the age of the transform, and by
+        # the time by which the scans' clock is ahead, which does not count as age.
+        age = (stamp - newest_stamp).to_sec() - self.ahead_of_odometry  # [s]
+        is_old = age > MAX_AGE and not newest_stamp.is_zero()
+        best = None if is_old else latest
+        return self._waits_for_odometry(newest_stamp, overdue), best
+
+    def _waits_for_odometry(self, newest_stamp: rospy.Time, overdue: bool) -> bool:
+        """Return whether a scan that is newer than the newest transform waits for a newer transform.
+
+        A scan does not wait if odometry counts as stopped, or if the scans' clock is ahead of odometry's
+        clock. An overdue scan lets odometry count as stopped until a newer transform comes.
+        """
         if overdue:
             self._stamp_when_overdue = newest_stamp
         has_odometry_stopped = newest_stamp == self._stamp_when_overdue
-        ahead = self.ahead_of_odometry  # [s] 0 if the clocks of the scans and of odometry agree
-        must_wait = not has_odometry_stopped and ahead == 0.0
-        age = (stamp - newest_stamp).to_sec() - ahead  # [s] age of the pose by odometry's clock
-        is_old = not newest_stamp.is_zero() and age > MAX_AGE
-        best = None if is_old else latest
-        return must_wait, best
+        are_scans_ahead = self.ahead_of_odometry > 0.0  # exactly 0 if the clocks agree
+        return not (has_odometry_stopped or are_scans_ahead)
 
     def _laser_in_base(self, frame: str) -> Optional[Pose]:
         """Return the pose of the lidar; None if TF does not have it, with a warning after many such scans.
