@@ -97,9 +97,8 @@ def _error(health: Health) -> Optional[str]:
     if health.scans_ahead > MAX_OFFSET:
         return f"standing still: {clock_sentence('scans are', health.scans_ahead, 'odometry')}"
     # Scans still come, because `scan_silence` was tested above. So a very old stamp is taken as a stamp of
-    # another clock. A stamp of 0 is a missing stamp, which causes only a warning. The age is the time by
-    # which this clock is behind, but `clock_sentence` needs the time by which it is ahead, so the age gets a
-    # minus sign.
+    # another clock. A stamp of 0 is a missing stamp, which causes only a warning. `clock_sentence` gets the
+    # time by which the stamps are ahead of a clock. Old stamps are behind, so this time is negative.
     if health.scan_age > TOO_OLD and health.scan_stamp != 0.0:
         return clock_sentence("scans are", -health.scan_age, OUR_CLOCK)
     if health.tf_age > TOO_OLD:
@@ -140,18 +139,13 @@ class Diagnostics:
     def update(self) -> None:
         """Publish if a period is over, the status has changed, or a node has subscribed. Call it often."""
         now = rospy.get_time()
-        was_paused = self._is_still  # follows from `_still_polls`, which changes below
         has_changed = self._has_changed.is_set()
         self._has_changed.clear()
-        if now != self._last_time:
-            self._still_polls = 0
-        elif not has_changed:
-            # a call because of a changed status is not counted, because it comes so early that ROS time may
-            # not have advanced yet
-            self._still_polls += 1
-        self._last_time = now
         # the status says whether simulated time is paused, so it is published when a pause begins or ends
-        is_due_at_once = self._new_subscribers.take() or has_changed or self._is_still != was_paused
+        was_paused = self._is_still
+        self._count_still_polls(now, has_changed)  # may change `_is_still`
+        has_pause_changed = self._is_still != was_paused
+        is_due_at_once = self._new_subscribers.take() or has_changed or has_pause_changed
         # the difference is negative if the simulator was started again, because its time then goes back
         is_early = 0.0 <= now - self._published_at < PERIOD
         if is_early and not is_due_at_once:
@@ -159,6 +153,18 @@ class Diagnostics:
         self._published_at = now
         if self._publisher.get_num_connections():
             self._publish()
+
+    def _count_still_polls(self, now: float, has_changed: bool) -> None:
+        """Count the calls of `update` in a row without a change of ROS time; `now` is the ROS time [s].
+
+        A call because of a changed status (`has_changed`) is not counted, because it comes so early that ROS
+        time may not have advanced yet.
+        """
+        if now != self._last_time:
+            self._still_polls = 0
+        elif not has_changed:
+            self._still_polls += 1
+        self._last_time = now
 
     @property
     def _is_still(self) -> bool:

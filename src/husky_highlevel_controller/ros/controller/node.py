@@ -298,13 +298,7 @@ class ControllerNode:
                 self._stop()
                 raise
             self._command(output.twist)
-        # With stop_distance 0, the robot pushes the pillar. Then it may stand still although it is commanded
-        # to drive. This is not disobedience, so zero is remembered in place of the command.
-        is_pushing = control.stop_distance == 0.0
-        self._last_command = STOP if is_pushing else output.twist
-        self._obedience = self._obedience.after(
-            observation.scan.stamp, observation.base_in_odom, self._last_command
-        )
+        self._remember_command(observation, output.twist, control.stop_distance)
         if output.state is not before.state:
             self._diagnostics.hasten()
         self._scan_stamps.append(observation.scan.stamp)
@@ -314,11 +308,24 @@ class ControllerNode:
         self._last_announced = output.at_pillar
         self._display.show(observation, output, control.stop_distance, detector_config.pillar_height)
 
+    def _remember_command(self, observation: Observation, twist: Twist2D, stop_distance: float) -> None:
+        """Remember a command, so that `_notice_disobedience` can compare the commands with the motion.
+
+        With stop_distance 0, the robot pushes the pillar. Then it may stand still although it is commanded to
+        drive. This is not disobedience, so zero is remembered in place of the command.
+        """
+        self._last_command = STOP if stop_distance == 0.0 else twist
+        self._obedience = self._obedience.after(
+            observation.scan.stamp, observation.base_in_odom, self._last_command
+        )
+
     def _log(
         self, observation: Observation, before: ControllerState, output: ControlOutput, control: ControlConfig
     ) -> None:
         """Log the answer to a scan, and keep its reason and the state of the pillar for /diagnostics.
 
+        - A warning is logged if the clocks of lidar and odometry differ, or if the lidar cannot measure so
+          small a distance as the stop distance.
         - Each scan is logged at DEBUG level.
         - A change of the state is logged at INFO level, or at WARN level if the robot must wait.
         - The smallest range is logged at INFO level every RANGE_PERIOD. It is the first number of its line,
@@ -336,10 +343,7 @@ class ControllerNode:
                 REPORT_PERIOD, clock_sentence("scans are", observation.ahead_of_odometry, "odometry")
             )
         self._warn_of_blind_stop(control.stop_distance, scan.range_min)
-        if pillar is not None:
-            self._pillar_status = "seen"
-        else:
-            self._pillar_status = "remembered" if output.estimate else "unknown"
+        self._pillar_status = _pillar_status(output)
         if LOG.isEnabledFor(logging.DEBUG):
             twist = output.twist
             rospy.logdebug(
@@ -352,13 +356,18 @@ class ControllerNode:
         self._reason = output.reason
         if has_new_stage or waits_for_new_reason:
             self._log_change(observation, before, output, control)
+        self._log_smallest_range(scan, output)
+
+    def _log_smallest_range(self, scan: Scan, output: ControlOutput) -> None:
+        """Log the smallest range of a scan, and the answer to the scan, if RANGE_PERIOD is over."""
         # the difference is negative after a restart of the simulator; then the smallest range is logged, too
-        if not 0.0 <= scan.stamp - self._range_logged_at < RANGE_PERIOD:
-            self._range_logged_at = scan.stamp
-            rospy.loginfo(
-                f"{_smallest_range(scan)}; {state.value}{_to_go(output)}, "
-                f"commanding {output.twist.linear:.2f} m/s, {output.twist.angular:.2f} rad/s"
-            )
+        if 0.0 <= scan.stamp - self._range_logged_at < RANGE_PERIOD:
+            return
+        self._range_logged_at = scan.stamp
+        rospy.loginfo(
+            f"{_smallest_range(scan)}; {output.state.value}{_to_go(output)}, "
+            f"commanding {output.twist.linear:.2f} m/s, {output.twist.angular:.2f} rad/s"
+        )
 
     def _warn_of_blind_stop(self, stop_distance: float, range_min: float) -> None:
         """Warn, once for each stop distance, if the lidar cannot measure so small a distance to the pillar.
@@ -425,6 +434,9 @@ class ControllerNode:
         # [s] time between the first and the last scan in `stamps`
         span = stamps[-1] - stamps[0] if len(stamps) > 1 else 0.0
         state = self._state()
+        # `_reason` explains the state at the last scan. If the start/stop service was called since then,
+        # `state` is no longer that state, and nothing explains it until the next scan.
+        reason = self._reason if state is self._controller_state.state else ""
         return Health(
             paused=paused,
             scan_silence=None if self._scan_time is None else now - self._scan_time,
@@ -439,9 +451,7 @@ class ControllerNode:
             scans_ahead=self._placement.ahead_of_odometry,
             state=state,
             pillar=self._pillar_status,
-            # After a start or a stop, the reason is out of date until the next scan. Then the stored state is
-            # out of date, too, so it is not equal to `state`.
-            reason=self._reason if state is self._controller_state.state else "",
+            reason=reason,
             disobedience=self._disobedience_reason,
             scan_absence=self._absence_reason,
         )
@@ -463,6 +473,13 @@ class ControllerNode:
         if stamp != self._tf_stamp:
             self._tf_time, self._tf_stamp = now, stamp
         return now - stamp
+
+
+def _pillar_status(output: ControlOutput) -> str:
+    """Return "seen" if the scan shows the pillar, otherwise whether it is "remembered" or "unknown"."""
+    if output.pillar is not None:
+        return "seen"
+    return "unknown" if output.estimate is None else "remembered"
 
 
 def _smallest_range(scan: Scan) -> str:

@@ -37,13 +37,15 @@ class ScanAbsence:
             scan_time: ROS time when the last scan came [s]; None before the first.
         """
         scans_come = scan_time is not None and 0.0 <= now - scan_time < PATIENCE
-        if scans_come:  # scans come, so an earlier reason is forgotten
+        if scans_come:  # an earlier reason is forgotten
             self._waiting_since, self._sentence = None, ""
-        # ROS time goes back if the simulator was started again; then the wait begins again
+        elif now == 0.0:  # simulated time has not begun, so the wait does not begin either
+            self._waiting_since = None
+        # The wait begins. If ROS time has gone back, because the simulator was started again, the wait begins
+        # again.
         elif self._waiting_since is None or now < self._waiting_since:
-            # while ROS time is 0, the wait does not begin, because simulated time has not begun
-            self._waiting_since = now if now != 0.0 else None
-        elif now - self._waiting_since >= PATIENCE:
+            self._waiting_since = now
+        elif now - self._waiting_since >= PATIENCE:  # the wait is over, and the next wait begins
             graph = read_graph(rosgraph.get_master_uri())  # None if the master does not answer
             self._waiting_since = now
             self._sentence = absence_sentence(graph, self._topic) if graph else ""
