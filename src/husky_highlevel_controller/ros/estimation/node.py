@@ -105,7 +105,8 @@ class LocalizationNode:
 
         Up to QUEUE messages of each input are held. When TF has the frame, the filter gets them before this
         message. A message whose stamp is more than MAX_AHEAD after the clock is ignored. If the clock has
-        gone back by CLOCK_BACK, the filter starts again.
+        gone back by CLOCK_BACK, the filter starts again. `_heard_at` of the input becomes the present time,
+        except if the message is ignored or held, because the filter must not wait for such an input.
 
         Args:
             msg: Odometry or Imu.
@@ -145,14 +146,17 @@ class LocalizationNode:
                 # missing
                 self._heard_at[name] = 0.0
                 del held[:-QUEUE]  # only the last QUEUE messages are kept
-                return
-            self._held_messages[name] = []
-            any_accepted = False
-            for message in held:  # oldest first; the message of this call is the last
-                if self._add(name, message, mounting):
-                    any_accepted = True
-            if not any_accepted:
+            elif not self._add_held(name, mounting):
                 self._ignore(name, heard_before)
+
+    def _add_held(self, name: str, mounting: Mounting) -> bool:
+        """Give all held messages of an input to the filter, oldest first; return whether it accepts any."""
+        messages, self._held_messages[name] = self._held_messages[name], []
+        any_accepted = False
+        for message in messages:
+            if self._add(name, message, mounting):
+                any_accepted = True
+        return any_accepted
 
     def _ignore(self, name: str, heard_before: float) -> None:
         """Undo that an input was heard, because its message is ignored.
@@ -168,9 +172,9 @@ class LocalizationNode:
     def _add(self, name: str, msg: Any, mounting: Mounting) -> bool:
         """Give one reading to the filter, publish new estimates, and return whether the filter accepts it.
 
-        The filter takes all readings in the order of their stamps, so it first waits for readings of the
-        other inputs. It stops waiting for a silent input (see `_is_silent`) whose last reading is older than
-        the newest reading by PATIENCE.
+        The filter processes the readings of all inputs in the order of their stamps. So it keeps an accepted
+        reading until the other inputs have sent later ones, but it does not wait long for a silent input (see
+        `_is_silent`). The new estimates may be several, or none while the filter waits.
         """
         silent = {other for other in self._config.inputs if self._is_silent(other, time.monotonic())}
         try:
@@ -178,18 +182,19 @@ class LocalizationNode:
         except ReadingError as error:
             self._complain(name, kind="reading", sentence=f"{error}, so it is ignored")
             return False
-        odom = self._config.options.odom_frame
-        # `estimates` is empty while the filter waits for earlier readings of the other inputs
         for estimate in estimates:
-            odometry = estimate_to_msg(estimate, odom, self._base_frame)
-            publish(self._odometry_publisher, odometry)
-            if self._config.options.publish_tf:
-                base_in_odom = conversions.pose_from_msg(odometry.pose.pose)
-                publish(
-                    self._tf_publisher,
-                    conversions.tree_to_msg([(odom, self._base_frame, base_in_odom)], estimate.stamp),
-                )
+            self._publish(estimate)
         return True
+
+    def _publish(self, estimate: MotionEstimate) -> None:
+        """Publish an estimate as odometry and, if `publish_tf` is set, as a transform odom -> base_link."""
+        odom = self._config.options.odom_frame
+        odometry = estimate_to_msg(estimate, odom, self._base_frame)
+        publish(self._odometry_publisher, odometry)
+        if self._config.options.publish_tf:
+            base_in_odom = conversions.pose_from_msg(odometry.pose.pose)
+            tree = [(odom, self._base_frame, base_in_odom)]
+            publish(self._tf_publisher, conversions.tree_to_msg(tree, estimate.stamp))
 
     def _is_silent(self, name: str, now: float) -> bool:
         """Return whether an input has sent nothing usable for too long, at the wall time `now` [s]."""
@@ -269,33 +274,41 @@ class LocalizationNode:
 
 
 def reading_from_msg(msg: Any) -> Reading:
-    """Return the reading of a nav_msgs/Odometry or sensor_msgs/Imu, in the frames of the message.
+    """Return the reading of a nav_msgs/Odometry or sensor_msgs/Imu, in the frames of the message."""
+    return _reading_of_odometry(msg) if isinstance(msg, Odometry) else _reading_of_imu(msg)
+
+
+def _reading_of_odometry(msg: Odometry) -> Reading:
+    """Return the pose and the velocity of a message of odometry."""
+    pose, twist = msg.pose.pose, msg.twist.twist
+    # a driver that does not measure the orientation sends zeros as the quaternion; such a robot counts as
+    # level, which is the default orientation of a pose
+    quat = _unit(pose.orientation) or Pose().quat_xyzw
+    return Reading(
+        msg.header.stamp.to_sec(),
+        pose=Pose(_numbers(pose.position), quat),
+        pose_covariance=_square(msg.pose.covariance),
+        velocity=np.array([*_numbers(twist.linear), *_numbers(twist.angular)]),
+        velocity_covariance=_square(msg.twist.covariance),
+    )
+
+
+def _reading_of_imu(msg: Imu) -> Reading:
+    """Return the attitude, the angular velocity and the specific force that an IMU measures.
 
     By REP 145, an IMU marks a part that it does not measure with a covariance of -1. Such a part is None in
     the reading.
     """
-    stamp = msg.header.stamp.to_sec()
-    if isinstance(msg, Odometry):
-        pose, twist = msg.pose.pose, msg.twist.twist
-        return Reading(
-            stamp,
-            # a driver that does not measure the orientation sends zeros as the quaternion; the robot then
-            # counts as level
-            pose=Pose(_numbers(pose.position), _unit(pose.orientation) or Pose().quat_xyzw),
-            pose_covariance=_square(msg.pose.covariance),
-            velocity=np.array([*_numbers(twist.linear), *_numbers(twist.angular)]),
-            velocity_covariance=_square(msg.twist.covariance),
-        )
     has_attitude = msg.orientation_covariance[0] != -1.0
     has_rates = msg.angular_velocity_covariance[0] != -1.0
     has_forces = msg.linear_acceleration_covariance[0] != -1.0
-    attitude = _unit(msg.orientation) if has_attitude else None
+    attitude = _unit(msg.orientation) if has_attitude else None  # None for zeros, too
     # linear velocity [m/s] and angular velocity [rad/s]; an IMU does not measure the first, so it is zeros,
     # which the filter does not use
     rates = np.array([0.0, 0.0, 0.0, *_numbers(msg.angular_velocity)])
     return Reading(
-        stamp,
-        pose=Pose(quat_xyzw=attitude) if attitude else None,
+        msg.header.stamp.to_sec(),
+        pose=Pose(quat_xyzw=attitude) if attitude else None,  # an IMU has no position, so it stays 0
         pose_covariance=_covariance_of_angles(msg.orientation_covariance),
         velocity=rates if has_rates else None,
         velocity_covariance=_covariance_of_angles(msg.angular_velocity_covariance),
