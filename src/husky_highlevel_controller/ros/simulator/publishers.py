@@ -21,6 +21,7 @@ from tf2_msgs.msg import TFMessage
 from husky_highlevel_controller.datatypes import OdometrySample, Pose, Scan, Snapshot
 from husky_highlevel_controller.geometry import inverse, pose_from_2d, world_in_odom
 from husky_highlevel_controller.msg import Bumps
+from husky_highlevel_controller.robot import RobotTopics
 from husky_highlevel_controller.ros import conversions
 from husky_highlevel_controller.ros.clouds import points_to_msg
 from husky_highlevel_controller.ros.fast_messages import MovingTree
@@ -48,14 +49,14 @@ class Publishers:
         Raises:
             HuskyError: a rate does not divide the rate of the physics.
         """
-        topics = config.robot.topics
         # numbers of physics steps between two messages about the robot's state; a real base reports the state
         # of its wheels less often
         self.state_steps = steps_per(ODOMETRY_RATE, config.physics_rate, "the rate of odometry")
         wheel_rate = config.real.base.control_rate if config.real else ODOMETRY_RATE
         self._wheel_steps = steps_per(wheel_rate, config.physics_rate, "the rate of wheel odometry")
         scan_steps = steps_per(config.scan_rate, config.physics_rate, "scan_rate")
-        # [s] shortest time between two messages on /clock; each state and each scan comes with such a message
+        # [s] Shortest time between two messages on /clock, because each state and each scan comes with such a
+        # message. If a state comes every 20 ms, and a scan every 25 ms, this time is 5 ms, from 20 to 25 ms.
         self._clock_period = gcd(self.state_steps, scan_steps) / config.physics_rate
 
         # stamp [s] and sample of the odometry that was published last
@@ -78,8 +79,14 @@ class Publishers:
         self.truth_log = TruthLog()
         self.clock = rospy.Publisher("/clock", Clock, queue_size=QUEUE)
 
-        # transforms
-        self._robot, self._wheels = robot, robot.wheels
+        self._advertise_transforms(robot)
+        self._advertise_sensors(config, robot)
+        self._advertise_state(config.robot.topics)
+        self._set_time(rospy.Time())  # simulated time begins at 0
+
+    def _advertise_transforms(self, robot: RobotModel) -> None:
+        """Advertise the topics of TF, publish the fixed transforms, and make the messages for /tf."""
+        self._wheels = robot.wheels
         # names of all frames that this node publishes; a marker of another node in any other frame causes a
         # warning
         self.frames = {ODOM, BASE, *robot.fixed_poses, *(wheel.link for wheel in robot.wheels)}
@@ -87,7 +94,7 @@ class Publishers:
         base, wheels = [(ODOM, BASE)], [(BASE, wheel.link) for wheel in robot.wheels]
         # Messages for /tf, which are made only once, because making a message takes time. Another node may
         # publish the transform odom -> base_link, or the transforms of the wheels, so there are three
-        # messages. A key says whether the message has the first, and whether it has the second.
+        # messages. A key says whether the message has odom -> base_link, and whether it has the wheels.
         self._moving_trees = {
             (True, False): MovingTree(base),
             (False, True): MovingTree(wheels),
@@ -95,27 +102,6 @@ class Publishers:
         }
         self.fixed_transforms = rospy.Publisher("/tf_static", TFMessage, queue_size=1, latch=True)
         self.fixed_transforms.publish(conversions.tree_to_msg(robot.fixed_joints, 0.0))
-
-        self._advertise_sensors(config, robot)
-
-        # topics about the state of the robot
-        self._odometry = rospy.Publisher(topics.odometry, Odometry, queue_size=QUEUE)
-        # full name of the topic of the filtered odometry; another node may publish this topic in place of the
-        # simulator
-        self.filter_topic = self._odometry.resolved_name
-        self._wheel_odometry = rospy.Publisher(topics.wheel_odometry, Odometry, queue_size=QUEUE)
-        # the command after the limits of the robot were applied; the wheels follow it
-        self._command = rospy.Publisher(topics.limited_command, TwistStamped, queue_size=QUEUE)
-        # true pose of the robot, and its transforms; None in a run that is graded
-        self._truth: Optional[rospy.Publisher] = None
-        self._world_transforms: Optional[rospy.Publisher] = None
-        if not self.is_graded:  # a graded program must not get the true poses
-            # The true poses have a topic of their own. On /tf, they would give the frame odom a parent. But
-            # odom can have only one parent, and a localization node may publish it, as on a real Husky.
-            self._world_transforms = rospy.Publisher("~world_tf", TFMessage, queue_size=QUEUE, latch=True)
-            self._truth = rospy.Publisher("ground_truth/odom", Odometry, queue_size=QUEUE)
-        self._bumps = rospy.Publisher("bumps", Bumps, queue_size=QUEUE)
-        self._set_time(rospy.Time())  # simulated time begins at 0
 
     def _advertise_sensors(self, config: SimulatorConfig, robot: RobotModel) -> None:
         """Advertise the topics of the lidars, the joints, the IMU and the GPS, as far as the robot has them.
@@ -151,6 +137,25 @@ class Publishers:
             self._points_steps = steps_per(config.points_rate, config.physics_rate, "points_rate")
             self._points_frame = robot.laser_frame
 
+    def _advertise_state(self, topics: RobotTopics) -> None:
+        """Advertise the topics of the robot's state, and outside graded runs those of its true pose."""
+        self._odometry = rospy.Publisher(topics.odometry, Odometry, queue_size=QUEUE)
+        # full name of the topic of the filtered odometry; another node may publish this topic in place of the
+        # simulator
+        self.filter_topic = self._odometry.resolved_name
+        self._wheel_odometry = rospy.Publisher(topics.wheel_odometry, Odometry, queue_size=QUEUE)
+        # the command after the limits of the robot were applied; the wheels follow it
+        self._command = rospy.Publisher(topics.limited_command, TwistStamped, queue_size=QUEUE)
+        # true pose of the robot, and its transforms; None in a run that is graded
+        self._truth: Optional[rospy.Publisher] = None
+        self._world_transforms: Optional[rospy.Publisher] = None
+        if not self.is_graded:  # a graded program must not get the true poses
+            # The true poses have a topic of their own. On /tf, they would give the frame odom a parent. But
+            # odom can have only one parent, and a localization node may publish it, as on a real Husky.
+            self._world_transforms = rospy.Publisher("~world_tf", TFMessage, queue_size=QUEUE, latch=True)
+            self._truth = rospy.Publisher("ground_truth/odom", Odometry, queue_size=QUEUE)
+        self._bumps = rospy.Publisher("bumps", Bumps, queue_size=QUEUE)
+
     @property
     def is_graded(self) -> bool:
         """Return whether this run is graded; if so, no topic has true poses, and no node gets hints.
@@ -166,6 +171,8 @@ class Publishers:
         three for its answer to a scan, so it can begin early. `on_clock` is called after the message on
         /clock was sent.
         """
+        # A scan also comes with odometry, but the robot's state is published only at ODOMETRY_RATE. So
+        # `odometry` is None at a step at which only a scan is due.
         odometry = snapshot.odometry if snapshot.step % self.state_steps == 0 else None
         is_tick = odometry is not None or snapshot.scan is not None  # true if this step publishes /clock
         if odometry is not None:
@@ -177,14 +184,9 @@ class Publishers:
             on_clock()
         if odometry is not None:
             self._last_odometry = snapshot.stamp, odometry
-            # A robot_state_publisher, if one runs, publishes the transforms of the wheels, and another filter
-            # publishes the transform of odom. `_moving_tree_to_msg` leaves these transforms out. With both
-            # nodes, nothing is left to send.
+            # a robot_state_publisher, if one runs, publishes the transforms of the wheels itself
             with_wheels = snapshot.step % self._wheel_steps == 0 and not self._has_state_publisher()
-            if with_wheels or not self.has_other_filter:
-                publish_if_subscribed(
-                    self.transforms, self._moving_tree_to_msg, snapshot.stamp, odometry, with_wheels
-                )
+            self._publish_transforms(snapshot.stamp, odometry, with_wheels)
         if snapshot.scan is not None:
             self.publish_scan(snapshot.scan)
         self._bumped_bodies.update(snapshot.contacts)
@@ -195,6 +197,14 @@ class Publishers:
             if sample is not None:
                 publish_if_subscribed(publisher, make, sample, *args)
         return is_tick
+
+    def _publish_transforms(self, stamp: float, odometry: OdometrySample, with_wheels: bool) -> None:
+        """Publish odom -> base_link if no other filter runs, and the wheels if `with_wheels`.
+
+        The stamp of the transforms is `stamp` [s]. If neither is to be sent, nothing is published.
+        """
+        if with_wheels or not self.has_other_filter:
+            publish_if_subscribed(self.transforms, self._moving_tree_to_msg, stamp, odometry, with_wheels)
 
     def leave_filter_to(self, node: str) -> None:
         """Stop publishing the filtered odometry and the transform of odom, because `node` publishes them.
@@ -254,26 +264,23 @@ class Publishers:
     def show_change(self, snapshot: Snapshot) -> None:
         """Publish the transforms after a change of the world in a pause, such as a move of the robot.
 
-        The time stands still, but TF ignores a second transform with the same stamp. So the stamp of these
-        transforms is later than the stamp of the last ones by LATER. New subscribers first get the transforms
-        with the present time as their stamp, because they have no earlier transforms, and could not look up
-        any at the present time.
+        TF ignores a second transform with the same stamp, but simulated time stands still. So the stamp of
+        the new transforms is later than simulated time by LATER, and by LATER more after each further change.
+        Scan and odometry are also kept for later subscribers.
         """
-        assert snapshot.odometry is not None  # a snapshot that is taken in a pause always has odometry
-        odometry, self._kept_scan = snapshot.odometry, snapshot.scan
+        odometry = snapshot.odometry
+        assert odometry is not None  # a snapshot that is taken in a pause always has odometry
+        self._kept_scan = snapshot.scan
         self._last_odometry = snapshot.stamp, odometry
+        # Only new subscribers get these transforms, whose stamp is simulated time itself. With later stamps
+        # alone, a new subscriber could not look up a transform at simulated time.
         self.send_last_transforms()
         self._shown_stamp = max(snapshot.stamp, self._shown_stamp) + LATER
         if self._world_transforms:
             later = snapshot._replace(stamp=self._shown_stamp)
             publish(self._world_transforms, self._world_tree_to_msg(later, odometry))
         with_wheels = self._has_wheels_in_pause(snapshot.stamp)
-        # the message has the wheels if `with_wheels`, and odom if no other filter publishes this transform;
-        # with neither, there is nothing to send
-        if with_wheels or not self.has_other_filter:
-            publish_if_subscribed(
-                self.transforms, self._moving_tree_to_msg, self._shown_stamp, odometry, with_wheels
-            )
+        self._publish_transforms(self._shown_stamp, odometry, with_wheels)
 
     def send_kept_scan(self) -> None:
         """Send the scan that was kept to new subscribers; only the thread that publishes may call this."""
