@@ -168,18 +168,8 @@ class SimulatorNode:
             # true if a service call has changed the world, for example by moving the robot
             world_has_changed = self._calls.take_change()
             if self._paused:
-                if world_has_changed:
-                    publishers.show_change(simulation.look())
-                # the clock is published during the pause, because nodes that start now need the time
-                publishers.publish_clock(simulation.stamp)
-                # The kept scan is out of date after the first step. In lockstep it is not sent, because
-                # lockstep would need an answer to it.
-                if simulation.stamp == start_stamp and not self._start.lockstep:
-                    publishers.send_kept_scan()
-                # simulated time must not catch up with the wall time that passes during the pause
-                self._pacer.restart(simulation.stamp, time.monotonic())
-                if self._display:
-                    self._display.refresh()
+                # the scan that was kept at the start is out of date after the first step
+                self._publish_in_pause(world_has_changed, with_scan=simulation.stamp == start_stamp)
             else:
                 has_published_clock = self._advance()
                 # after each message on /clock, the node sleeps until wall time has caught up
@@ -188,6 +178,22 @@ class SimulatorNode:
         if self._camera:
             self._camera.close()
         simulation.close()
+
+    def _publish_in_pause(self, world_has_changed: bool, with_scan: bool) -> None:
+        """Show changes of the world, and repeat the time and the kept scan, because nodes may start now.
+
+        After the pause, simulated time does not catch up with the wall time that has passed until this call.
+        """
+        publishers, simulation = self._publishers, self._simulation
+        if world_has_changed:
+            publishers.show_change(simulation.look())
+        publishers.publish_clock(simulation.stamp)
+        # in lockstep, the scan is not sent, because lockstep would need an answer to it
+        if with_scan and not self._start.lockstep:
+            publishers.send_kept_scan()
+        self._pacer.restart(simulation.stamp, time.monotonic())
+        if self._display:
+            self._display.refresh()
 
     def _watch_other_nodes(self) -> None:
         """Start the threads that look for mistakes in the ROS graph, and for the loss of the registration."""
@@ -325,12 +331,7 @@ class SimulatorNode:
         with a scan ends only when the controller has answered the scan. A step that publishes /clock (a tick)
         waits until the controllers have done what they do at this tick.
         """
-        # the commands that have come since the last step are obeyed in this step
-        for topic, twist in self._commands.take(self._simulation.stamp):
-            try:
-                self._simulation.command(twist)
-            except CommandError as error:  # the command is not valid; its speed may be NaN
-                rospy.logwarn_throttle(1.0, f"{rospy.resolve_name(topic)}: {error}")
+        self._obey_new_commands()
         # a field of the snapshot is None if its sensor has no sample at this step
         snapshot = self._simulation.step()
         self._notice_fall(snapshot)
@@ -361,6 +362,14 @@ class SimulatorNode:
                 nudge=partial(self._publishers.publish_clock_between_ticks, snapshot.stamp),
             )
         return is_tick
+
+    def _obey_new_commands(self) -> None:
+        """Give the simulation the commands that have come since the last step; warn of invalid ones."""
+        for topic, twist in self._commands.take(self._simulation.stamp):
+            try:
+                self._simulation.command(twist)
+            except CommandError as error:  # the command is not valid; its speed may be NaN
+                rospy.logwarn_throttle(1.0, f"{rospy.resolve_name(topic)}: {error}")
 
     def _hold_tick(self) -> None:
         """Wait, as long as lockstep requires it, until other nodes have reacted to the tick of /clock."""
