@@ -9,11 +9,12 @@ from __future__ import annotations
 import sys
 import time
 from itertools import chain, islice
-from typing import Any, Dict
+from typing import Any, Dict, Iterable, Tuple
 
 import rospy
 from rosgraph_msgs.msg import Clock
 
+from husky_highlevel_controller.datatypes import Snapshot
 from husky_highlevel_controller.ros.conversions import time_to_msg
 from husky_highlevel_controller.ros.node import publish, run_node
 from husky_highlevel_controller.ros.simulator.record_bag import TRUTH_TOPIC, messages_of_drive
@@ -36,16 +37,20 @@ class BagPlayer:
         self._messages = messages_of_drive(name, ground="hard", seed=int(seed), duration=float(seconds))
         self._publishers: Dict[str, Any] = {}
 
+    def _advertise_topics_of(self, messages: Iterable[Tuple[Snapshot, str, Any]]) -> None:
+        """Advertise each topic of some messages, except the true poses, which only the grader may get."""
+        for _, topic, msg in messages:
+            if topic not in {TRUTH_TOPIC, *self._publishers}:
+                latch = topic == "/tf_static"
+                self._publishers[topic] = rospy.Publisher(topic, type(msg), queue_size=QUEUE, latch=latch)
+
     def run(self) -> None:
         """Play the drive, then wait for the shutdown, because latched messages would end with the node.
 
         FIRST_MESSAGES messages are made before time begins, so that every topic is advertised by then.
         """
         first_messages = list(islice(self._messages, FIRST_MESSAGES))
-        for _, topic, msg in first_messages:
-            if topic not in {TRUTH_TOPIC, *self._publishers}:
-                latch = topic == "/tf_static"
-                self._publishers[topic] = rospy.Publisher(topic, type(msg), queue_size=QUEUE, latch=latch)
+        self._advertise_topics_of(first_messages)
         first_snapshot, _, _ = first_messages[0]
         now = first_snapshot.stamp  # [s] simulated time
         # /clock is advertised last, because the grader takes it as the sign that the player is ready
@@ -53,22 +58,21 @@ class BagPlayer:
         publish(clock, Clock(time_to_msg(now)))
         # wait until the reader of the true poses lets simulated time begin
         self._truth.wait_to_begin(meanwhile=lambda: None)
-        # [s] wall time that belongs to simulated time 0; it becomes later when the player is late
-        begun = time.monotonic()
+        wall_time_of_zero = time.monotonic()  # [s] wall time that belongs to simulated time 0
         for snapshot, topic, msg in chain(first_messages, self._messages):
             if snapshot.stamp > now:
                 now = snapshot.stamp
-                lead = begun + now / self._pace - time.monotonic()  # [s] wall time until this message is due
-                time.sleep(max(0.0, lead))
-                if lead < 0.0:
-                    # the player is late and does not catch up, because a filter cannot follow many messages
-                    # at once
-                    begun -= lead
+                due = wall_time_of_zero + now / self._pace  # [s] wall time at which this message is due
+                delay = time.monotonic() - due  # [s] negative if this message is not yet due
+                time.sleep(max(0.0, -delay))
+                if delay > 0.0:
+                    # The player does not catch up, because a filter cannot follow many messages at once. So
+                    # all later messages are due later by the same time.
+                    wall_time_of_zero += delay
                 publish(clock, Clock(time_to_msg(now)))
             if rospy.is_shutdown():
                 return
-            # the true poses go only to their reader, the grader, because a student's program must not read
-            # them
+            # a student's program must not read the true poses, so they go only to the grader
             if topic == TRUTH_TOPIC:
                 self._truth.write(snapshot)
             else:

@@ -6,7 +6,7 @@ In: the parameter server. Out: typed records, checked.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Tuple
+from typing import Any, Mapping, Tuple
 
 import rospy
 
@@ -50,6 +50,37 @@ class StartConfig:
         return self.real_time_factor == 0.0
 
 
+def _read_robot(values: Any, source: str) -> Robot:
+    """Return the robot from the parameter robot, which the launch file loads from a file of config/robots/.
+
+    `source` is the beginning of the names of parameters in errors.
+    """
+    if not isinstance(values, dict):
+        raise ConfigError(
+            f"{source}robot is missing; load config/robots/husky.yaml or config/robots/smb.yaml"
+        )
+    (robot,) = read_config(values, source + "robot/", Robot)
+    return robot
+
+
+def _with_drivers(
+    config: SimulatorConfig, values: Mapping[str, Any], ground: str, source: str
+) -> SimulatorConfig:
+    """Return a configuration with the drivers of a real robot in place of Gazebo's plugins.
+
+    Args:
+        config: configuration for Gazebo's plugins.
+        values: parameters of the drivers.
+        ground: ground under the robot, one of GROUNDS.
+        source: beginning of the names of parameters in errors and in a warning.
+    """
+    (real,) = read_config(values, source + "robot_profile/", RobotProfile)
+    # the drivers have a lidar of their own, so a change of the other lidar is probably a mistake
+    if config.lidar != simulator_config(config.robot.name).lidar:
+        rospy.logwarn(f"{source}lidar has no effect with profile:=robot; set {source}robot_profile/lidar")
+    return replace(config, real=real.on(ground))
+
+
 def read_parameters() -> Tuple[StartConfig, SimulatorConfig, CameraSetup]:
     """Return the private parameters of the node as three records: start, simulator and depth camera.
 
@@ -58,16 +89,12 @@ def read_parameters() -> Tuple[StartConfig, SimulatorConfig, CameraSetup]:
     """
     values = dict(rospy.get_param("~", {}))
     source = rospy.get_name() + "/"  # beginning of the names of parameters in errors
-    # `robot_profile` has the values of a real robot's drivers. With any other profile than "robot", it stays
-    # in `values`, so that `read_config` rejects it as an unknown parameter.
-    driver_values = values.pop("robot_profile", {}) if values.get("profile") == "robot" else {}
-    # the values of the robot come from a file of config/robots/, which the launch file loads
-    robot_values = values.pop("robot", None)
-    if not isinstance(robot_values, dict):
-        raise ConfigError(
-            f"{source}robot is missing; load config/robots/husky.yaml or config/robots/smb.yaml"
-        )
-    (robot,) = read_config(robot_values, source + "robot/", Robot)
+    # The profile "robot" simulates the drivers of the real robot, whose parameters are in robot_profile. With
+    # any other profile, robot_profile stays in `values`, so that `read_config` rejects it as unknown.
+    driver_values = {}
+    if values.get("profile") == "robot":
+        driver_values = values.pop("robot_profile", {})
+    robot = _read_robot(values.pop("robot", None), source)
     # the robot's frame of the lidar is the default of this parameter
     values.setdefault("laser_frame", robot.lidar_mount.frame)
     start, config, camera = read_config(values, source, StartConfig, SimulatorConfig, CameraSetup)
@@ -78,14 +105,8 @@ def read_parameters() -> Tuple[StartConfig, SimulatorConfig, CameraSetup]:
     ):
         if value not in choices:
             raise ConfigError(f"{source}{name} = '{value}' is not {' or '.join(choices)}")
-    # the profile "robot" simulates the drivers of the real robot, on the chosen ground; the other profile
-    # simulates Gazebo's plugins, and then `config.real` stays None
     if start.profile == "robot":
-        (real,) = read_config(driver_values, source + "robot_profile/", RobotProfile)
-        config = replace(config, real=real.on(start.ground))
-        # the profile "robot" has a lidar of its own, so a change of the other lidar is probably a mistake
-        if config.lidar != simulator_config(robot.name).lidar:
-            rospy.logwarn(f"{source}lidar has no effect with profile:=robot; set {source}robot_profile/lidar")
+        config = _with_drivers(config, driver_values, start.ground, source)
     return start, config, camera
 
 

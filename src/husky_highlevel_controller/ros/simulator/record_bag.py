@@ -24,11 +24,15 @@ from husky_highlevel_controller.robot import ROBOTS
 from husky_highlevel_controller.ros import conversions
 from husky_highlevel_controller.ros.clouds import points_to_msg
 from husky_highlevel_controller.simulator.models.description import robot_description
-from husky_highlevel_controller.simulator.models.robot_model import robot_model
+from husky_highlevel_controller.simulator.models.robot_model import RobotModel, robot_model
 from husky_highlevel_controller.simulator.models.sdf_world import load_world
 from husky_highlevel_controller.simulator.profile import GROUNDS, RobotProfile
 from husky_highlevel_controller.simulator.simulation import Simulation
-from husky_highlevel_controller.simulator.simulator_config import ODOMETRY_RATE, simulator_config
+from husky_highlevel_controller.simulator.simulator_config import (
+    ODOMETRY_RATE,
+    SimulatorConfig,
+    simulator_config,
+)
 
 WORLD_FILE = share_folder() / "compat" / "husky_gazebo" / "worlds" / "clearpath_playpen.world"
 DURATION = 90.0  # [s] length of the drive, with the times for which the robot stands
@@ -65,6 +69,20 @@ def command_at(stamp: float, yaw: float) -> Twist2D:
     return Twist2D(SPEED, planned_rate + STEERING_GAIN * wrap_angle(planned_yaw - yaw))
 
 
+def _equip(name: str, ground: str) -> Tuple[SimulatorConfig, RobotModel]:
+    """Return configuration and model of a robot, with the real robot's drivers if they can be simulated.
+
+    `name` is one of ROBOTS, and `ground` is one of GROUNDS.
+    """
+    config = replace(simulator_config(name), imu_rate=IMU_RATE, points_rate=POINTS_RATE)
+    # the last profile is "robot" if the drivers of the real robot can be simulated
+    profile = config.robot.profiles[-1]
+    if profile == "robot":
+        config = replace(config, real=RobotProfile().on(ground))
+    # the description has no meshes, because nothing is drawn
+    return config, robot_model(robot_description(name, meshes="", profile=profile), config.robot)
+
+
 def messages_of_drive(
     name: str, ground: str, seed: int, duration: float
 ) -> Iterator[Tuple[Snapshot, str, Any]]:
@@ -76,13 +94,7 @@ def messages_of_drive(
         seed: random seed of all noise.
         duration: simulated time after which the messages end [s].
     """
-    config = replace(simulator_config(name), imu_rate=IMU_RATE, points_rate=POINTS_RATE)
-    # the last profile is "robot" if the drivers of the real robot can be simulated
-    profile = config.robot.profiles[-1]
-    if profile == "robot":
-        config = replace(config, real=RobotProfile().on(ground))
-    # the description has no meshes, because nothing is drawn
-    robot = robot_model(robot_description(name, meshes="", profile=profile), config.robot)
+    config, robot = _equip(name, ground)
     rate = config.physics_rate  # [Hz]
     wheel_rate = config.real.base.control_rate if config.real else ODOMETRY_RATE  # [Hz]
     # numbers of physics steps from one message to the next of the same kind, or from one command to the next
@@ -98,12 +110,14 @@ def messages_of_drive(
             if step % command_steps == 0:
                 true_yaw = yaw_from_quat(snapshot.robot.pose_in_world.quat_xyzw)
                 simulation.command(command_at(stamp, true_yaw))
-            if odometry is not None and step % truth_steps == 0:
-                yield snapshot, TRUTH_TOPIC, conversions.truth_to_msg(snapshot.robot, stamp, WORLD, BASE)
-            if odometry is not None and step % wheel_steps == 0:
-                yield snapshot, "/joint_states", conversions.wheels_to_msg(odometry.wheels, stamp)
-                from_wheels = conversions.odometry_to_msg(odometry.from_wheels, stamp, ODOM, BASE)
-                yield snapshot, wheel_topic, from_wheels
+            # odometry comes at ODOMETRY_RATE, and also with each scan, which needs no messages
+            if odometry is not None:
+                if step % truth_steps == 0:
+                    yield snapshot, TRUTH_TOPIC, conversions.truth_to_msg(snapshot.robot, stamp, WORLD, BASE)
+                if step % wheel_steps == 0:
+                    yield snapshot, "/joint_states", conversions.wheels_to_msg(odometry.wheels, stamp)
+                    from_wheels = conversions.odometry_to_msg(odometry.from_wheels, stamp, ODOM, BASE)
+                    yield snapshot, wheel_topic, from_wheels
             if snapshot.imu is not None:
                 yield snapshot, IMU_TOPIC, conversions.imu_to_msg(snapshot.imu, imu_frame)
             if step % points_steps == 0:

@@ -154,25 +154,39 @@ class WorldDisplay:
             del self._shown_markers[name]
         for name, body in bodies.items():
             shown = self._shown_markers.get(name)  # None if the body has no marker yet
-            pose = self._simulation.pose_of(name)
             if shown and shown.body is not body:
-                # the body is new and has the name of a deleted body, so it gets a marker of its own
+                # the marker belongs to a deleted body of the same name, so this body has no marker yet
                 shown = None
-            # `pose_in_world` is None after a drag; then the marker is sent again in any case
-            if shown and shown.pose_in_world and not has_drifted:
-                last_pose = shown.pose_in_world
-                # a turn of the body counts as the motion of a point 1 m away from its origin
-                if last_pose == pose or not _noticeable(last_pose, pose, radius=1.0):
+            pose = self._simulation.pose_of(name)
+            # None if the body has no marker yet, or after a drag; then the marker is sent in any case
+            last_pose = shown.pose_in_world if shown else None
+            if last_pose is not None and not has_drifted:
+                if last_pose == pose:
                     continue
-            pose_in_odom, up = compose(self._world_in_odom, pose), upwards(pose)
-            is_upright = shown is not None and dist(shown.up, up) < TIPPED_ANGLE
-            if shown and is_upright:
-                self._server.setPose(name, conversions.pose_to_msg(pose_in_odom))
-                # the marker is not made again, so the plane in which it can be dragged stays the old one
-                up = shown.up
-            else:
-                self._server.insert(body_to_msg(body, pose_in_odom, ODOM))
-            self._shown_markers[name] = _Shown(body, up, pose)
+                # a turn of the body counts as the motion of a point 1 m away from its origin
+                if not _noticeable(last_pose, pose, radius=1.0):
+                    continue
+            self._shown_markers[name] = self._send(body, pose, shown)
+
+    def _send(self, body: Body, pose: Pose, shown: Optional[_Shown]) -> _Shown:
+        """Move the marker of a body, or send a new marker if it has none, or if the body has tipped.
+
+        Args:
+            body: the body.
+            pose: its pose in the world.
+            shown: its marker as it was last sent; None if it has none.
+
+        Returns:
+            The marker as it is now sent.
+        """
+        pose_in_odom, up = compose(self._world_in_odom, pose), upwards(pose)
+        has_tipped = shown is not None and dist(shown.up, up) >= TIPPED_ANGLE
+        if shown is None or has_tipped:
+            self._server.insert(body_to_msg(body, pose_in_odom, ODOM))
+            return _Shown(body, up, pose)
+        self._server.setPose(body.name, conversions.pose_to_msg(pose_in_odom))
+        # the marker was only moved, so it can still be dragged in the same plane as before
+        return shown._replace(pose_in_world=pose)
 
     def _drop_box(self, msg: PointStamped) -> str:
         """Put a box on a point that was clicked in RViz, and return a sentence for the log."""
