@@ -211,24 +211,34 @@ class LocalizationNode:
         options, item = self._config.options, self._config.inputs[name]
         sensor = msg.header.frame_id if isinstance(msg, Imu) else msg.child_frame_id
         # the frame of the sensor is always needed, because the velocities are in it
-        parents_and_children = [(options.base_link_frame, sensor)]
-        # The frame of the pose is needed only if the filter uses a part of the pose (`config[:6]`) as it is.
-        # With `differential`, the filter uses only the difference of two poses, which needs no frame.
-        if isinstance(msg, Odometry) and any(item.config[:6]) and not item.differential:
-            parents_and_children.append((options.odom_frame, msg.header.frame_id))
-        poses = []
-        for parent, child in parents_and_children:
-            if child.lstrip("/") in ("", parent):  # an empty name means the parent frame
-                poses.append(Pose())
-                continue
-            stamped = lookup_transform(self._transforms, parent, child)
-            if stamped is None:
-                sentence = f"TF has no transform from '{child}' to '{parent}'"
-                self._complain(name, kind="transform", sentence=sentence)
-                return None
-            poses.append(conversions.pose_from_transform(stamped))
-        # if only one pose was looked up, the second field of the record keeps its default
-        return Mounting(*poses)
+        sensor_in_base = self._pose(options.base_link_frame, sensor, name)
+        if sensor_in_base is None:
+            return None
+        # The frame of the pose is needed only if the filter uses a part of the pose as it is. `config[:6]`
+        # says whether it uses x, y, z, roll, pitch and yaw. With `differential`, it uses only the difference
+        # of two poses, which needs no frame.
+        uses_pose = isinstance(msg, Odometry) and any(item.config[:6]) and not item.differential
+        if not uses_pose:
+            return Mounting(sensor_in_base)
+        pose_frame_in_odom = self._pose(options.odom_frame, msg.header.frame_id, name)
+        if pose_frame_in_odom is None:
+            return None
+        return Mounting(sensor_in_base, pose_frame_in_odom)
+
+    def _pose(self, parent: str, child: str, name: str) -> Optional[Pose]:
+        """Return the pose of a frame in its parent frame; None if TF does not have it.
+
+        Without the pose, a warning about the input `name` is logged. An empty name of the frame means the
+        parent frame.
+        """
+        if child.lstrip("/") in ("", parent):
+            return Pose()
+        stamped = lookup_transform(self._transforms, parent, child)
+        if stamped is None:
+            sentence = f"TF has no transform from '{child}' to '{parent}'"
+            self._complain(name, kind="transform", sentence=sentence)
+            return None
+        return conversions.pose_from_transform(stamped)
 
     def _on_set_pose(self, msg: PoseWithCovarianceStamped) -> None:
         """Set the pose of the filter to the pose in a message of RViz or of a user.
