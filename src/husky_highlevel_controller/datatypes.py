@@ -192,11 +192,11 @@ class Scan:
     """Scan of a planar lidar (sensor_msgs/LaserScan)."""
 
     stamp: float  # [s]
-    frame: str
+    frame: str  # name of the lidar's frame
     angle_min: float  # [rad] angle of beam 0 in `frame`
     angle_max: float  # [rad] angle of the last beam in `frame`
-    range_min: float  # [m]
-    range_max: float  # [m]
+    range_min: float  # [m] a smaller range is not valid
+    range_max: float  # [m] this range and larger ones are not valid
     ranges: np.ndarray  # (N,) [m] ranges as the driver publishes them
     time_increment: float = 0.0  # [s] time between two beams; `stamp` is the time of the first beam
     scan_time: float = 0.0  # [s] time between two scans; 0 if unknown

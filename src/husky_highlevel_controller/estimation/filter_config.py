@@ -90,7 +90,7 @@ class FilterOptions:
 class FilterConfig(NamedTuple):
     """Parameters of the filter."""
 
-    options: FilterOptions
+    options: FilterOptions  # parameters that are not inputs and not matrices
     inputs: Dict[str, InputConfig]  # inputs by name, such as odom0
     process_noise: Optional[np.ndarray]  # (8, 8) growth of the covariance per second; None means the default
     # (8, 8) covariance before the first measurement; None means the default

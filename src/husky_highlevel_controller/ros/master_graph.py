@@ -22,8 +22,8 @@ Kinds = Mapping[str, str]  # types of messages by topic
 class Graph(NamedTuple):
     """Topics of a ROS master, with the nodes of each."""
 
-    publishers: Nodes
-    subscribers: Nodes
+    publishers: Nodes  # names of the nodes that publish each topic
+    subscribers: Nodes  # names of the nodes that subscribe to each topic
     types: Mapping[str, str]  # type by topic
 
 

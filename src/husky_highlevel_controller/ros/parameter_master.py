@@ -31,8 +31,8 @@ READERS_OF_ALL = ("/rosparam", "/roslaunch")
 class Request(NamedTuple):
     """Request of a node for a parameter."""
 
-    node: str
-    parameter: str
+    node: str  # full name of the node
+    parameter: str  # full name of the parameter
 
 
 def never_read(names: Iterable[str], requests: Mapping[Request, bool]) -> Iterator[UnreadParameter]:

@@ -103,6 +103,7 @@ class ArrivalExit:
         return "the robot stands" if self._has_driven else "the robot has not moved"
 
     def _on_arrived(self, message: Bool) -> None:
+        """Keep whether the robot is at the pillar, as the controller announces."""
         self._arrived = message.data
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:

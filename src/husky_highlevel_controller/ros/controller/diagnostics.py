@@ -37,13 +37,13 @@ class Health:
     # [Hz] rate of the last scans by their stamps; None if there are fewer than two scans
     scan_rate: Optional[float]
     scan_fault: str  # sentence on the fault of the last scan; empty if it was accepted
-    scan_frame: str
+    scan_frame: str  # frame of the last scan
     has_lidar_transform: bool  # true if TF has a transform from the lidar to base_link
     # [s] time since the last new transform odom -> base_link came; None if TF has no such transform
     tf_silence: Optional[float]
     tf_age: float  # [s] age of the latest transform odom -> base_link, by its stamp
     scans_ahead: float  # [s] time by which the scans' clock is ahead of odometry's clock
-    state: State
+    state: State  # state of the controller
     pillar: str  # state of the pillar: "seen", "remembered" or "unknown"
     reason: str = ""  # reason of the controller's last command
     disobedience: str = ""  # sentence on why the robot does not follow the commands; empty if it follows them

@@ -40,6 +40,7 @@ class Disobedience:
         return rospy.resolve_name("husky_simulator/reset") if self._lock_topic.get_num_connections() else ""
 
     def _on_locked(self, message: Bool) -> None:
+        """Keep whether the emergency stop of the simulated robot is on."""
         self._is_locked = message.data
 
     def sentence(self, twist: Twist2D, seconds: float) -> str:

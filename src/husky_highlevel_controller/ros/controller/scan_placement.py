@@ -57,8 +57,10 @@ class Listener(tf2_ros.TransformListener):
 
 
 class _PendingScan(NamedTuple):
+    """Scan that waits for its transform, with its exact stamp and the time from which it waits."""
+
     scan: Scan
-    stamp: rospy.Time
+    stamp: rospy.Time  # stamp of the scan, exact to the nanosecond
     arrived_at: float  # [s] wall time at which the scan came
 
 
