@@ -239,14 +239,7 @@ def _value(kind: Any, value: Any, name: str, metadata: Mapping[str, Any], from_p
     if origin is tuple:
         return _items(args, value, name, metadata, from_parameters)
     if origin in (dict, abc.Mapping):
-        if value is None and not from_parameters:
-            value = {}  # a YAML key with nothing after it has the value None; it counts as an empty mapping
-        if not isinstance(value, abc.Mapping):
-            raise ConfigError(f"{name} = {_short(value)} is not a mapping")
-        return {
-            str(key): _value(args[1], each, f"{name}/{key}", metadata, from_parameters)
-            for key, each in value.items()
-        }
+        return _mapping(args[1], value, name, metadata, from_parameters)
     if isinstance(kind, type) and issubclass(kind, Enum):
         choices = {"choices": [each.value for each in kind]}
         # a parameter never has an Enum type, so the value comes from a file
@@ -276,6 +269,23 @@ def _nested_record(kind: Type[Record], value: Any, name: str, from_parameters: b
     # a mapping" for a value that cannot be a record
     source = f"{name}/" if isinstance(value, dict) else f"{name} = "
     return from_plain(kind, value, source)
+
+
+def _mapping(
+    kind: Any, value: Any, name: str, metadata: Mapping[str, Any], from_parameters: bool
+) -> Dict[str, Any]:
+    """Return a mapping whose values have the type `kind`; ConfigError if one does not fit.
+
+    The arguments are those of `_value`.
+    """
+    if value is None and not from_parameters:
+        value = {}  # a YAML key with nothing after it has the value None; it counts as an empty mapping
+    if not isinstance(value, abc.Mapping):
+        raise ConfigError(f"{name} = {_short(value)} is not a mapping")
+    return {
+        str(key): _value(kind, each, f"{name}/{key}", metadata, from_parameters)
+        for key, each in value.items()
+    }
 
 
 def _items(kinds: Any, value: Any, name: str, metadata: Mapping[str, Any], from_parameters: bool) -> Any:

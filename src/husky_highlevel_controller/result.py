@@ -74,7 +74,8 @@ class Table:
         # for each column: whether it has a number, and the number of characters of its longest text
         are_numbers = [any(type(value) in (int, float) for value in column) for column in columns]
         widths = [max(len(self._text(value)) for value in column) for column in columns]
-        indent = sum(widths[:-1]) + 2 * len(widths[:-1])  # position at which the last column begins
+        # position at which the last column begins, because two spaces follow each column before it
+        indent = sum(widths[:-1]) + 2 * len(widths[:-1])
         last_width = max(WIDTH - indent, MIN_WRAPPED)
         lines = [self.title] if self.title else []
         # a header of empty names is not printed
@@ -84,6 +85,7 @@ class Table:
             last_lines: List[str] = []
             for line in last.split("\n"):
                 last_lines += textwrap.wrap(line, last_width) or [""]  # `wrap` drops an empty line
+            # the first line of the last column stands beside the other columns, its other lines stand below
             aligned = []
             for text, width, is_number in zip([*texts, last_lines[0]], widths, are_numbers):
                 aligned.append(text.rjust(width) if is_number else text.ljust(width))

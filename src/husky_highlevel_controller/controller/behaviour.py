@@ -339,8 +339,8 @@ def _act(
 ) -> _Action:
     """Choose the state, the command, its reason, and the search to continue, if any.
 
-    The checks come in this order: reasons to stand still, such as a missing transform or a covered lidar;
-    then the way to a known pillar; then the search for a pillar, if the configuration allows it.
+    A robot that may move drives to the pillar if it knows where the pillar is. Otherwise it searches for a
+    pillar, if the configuration allows the search.
 
     Args:
         controller_state: state with the track of this scan, and with the action of the last scan.
@@ -355,20 +355,10 @@ def _act(
         return _Action(State.STOPPED, STOP, "stopped by its start/stop service")
     if observation.laser_in_base is None:
         return _wait(frame_sentence(observation.scan.frame))
-    if observation.ahead_of_odometry > MAX_OFFSET:
-        reason = "standing still until the clocks are set: scans are stamped too far ahead of odometry"
-        return _Action(State.WAITING, STOP, reason)
-    if observation.scan.stamp - controller_state.odom_at > ODOM_TIMEOUT:
-        return _wait("no transform from odom to base_link any more; check that odometry is running")
     has_return = pillar_seen or observation.scan.valid_count > 0
-    # a beam that meets nothing gives inf, which is normal in an empty world; a scan without a valid range and
-    # without inf has no beams, or every return is too close to be valid
-    if not has_return and not (observation.scan.returns == inf).any():
-        return _wait("no pillar in the scan (it has no valid range); check that the lidar is uncovered")
-    # The last tracked object has walked, so it was a person and not a pillar. The object that is tracked now
-    # is not confirmed yet, so it may be the same person.
-    if controller_state.track.doubtful and target is not None:
-        return _wait("the pillar moves away; waiting until it stands")
+    forced_wait = _forced_wait(controller_state, observation, target, has_return)
+    if forced_wait is not None:
+        return forced_wait
 
     # returns of the pillar are not obstacles if this scan shows the pillar; if the pillar is only remembered,
     # all near returns are obstacles
@@ -387,6 +377,30 @@ def _act(
             control,
         )
     return _search(controller_state, observation, obstacles_in_base, has_return, control)
+
+
+def _forced_wait(
+    controller_state: ControllerState, observation: Observation, target: Optional[Target], has_return: bool
+) -> Optional[_Action]:
+    """Return the action of a robot that must not move now, with the reason; None if the robot may move.
+
+    The clocks may differ, odometry may have stopped, the lidar may be covered, or the pillar may be a person.
+    The arguments are those of `_act`, and `has_return` says whether any beam of the scan has a return.
+    """
+    if observation.ahead_of_odometry > MAX_OFFSET:
+        reason = "standing still until the clocks are set: scans are stamped too far ahead of odometry"
+        return _Action(State.WAITING, STOP, reason)
+    if observation.scan.stamp - controller_state.odom_at > ODOM_TIMEOUT:
+        return _wait("no transform from odom to base_link any more; check that odometry is running")
+    # a beam that meets nothing gives inf, which is normal in an empty world; a scan without a valid range and
+    # without inf has no beams, or every return is too close to be valid
+    if not has_return and not (observation.scan.returns == inf).any():
+        return _wait("no pillar in the scan (it has no valid range); check that the lidar is uncovered")
+    # The last tracked object has walked, so it was a person and not a pillar. The object that is tracked now
+    # is not confirmed yet, so it may be the same person.
+    if controller_state.track.doubtful and target is not None:
+        return _wait("the pillar moves away; waiting until it stands")
+    return None
 
 
 def _wait(problem: str, search: Optional[Search] = None) -> _Action:
@@ -436,7 +450,7 @@ def _search(
 def _drive(
     controller_state: ControllerState,
     target: Target,
-    visible: bool,
+    pillar_seen: bool,
     visibility: Visibility,
     obstacles_in_base: np.ndarray,
     outline: Footprint,
@@ -449,14 +463,14 @@ def _drive(
     Args:
         controller_state: state with `close_at` and stamp of this scan, and with the action of the last scan.
         target: pillar in base_link.
-        visible: whether this scan shows the pillar; the robot arrives only if it does.
+        pillar_seen: whether this scan shows the pillar; the robot arrives only if it does.
         visibility: whether the remembered position is hidden, out of view or empty in this scan.
         obstacles_in_base: obstacles near the robot, (N, 2) [m].
         outline: footprint of the robot.
         control: gains and limits.
     """
     remaining = remaining_distance(target, control)
-    action_at_stop = _action_at_stop(controller_state, target, remaining, visible, control)
+    action_at_stop = _action_at_stop(controller_state, target, remaining, pillar_seen, control)
     if action_at_stop is not None:
         return action_at_stop
 
@@ -471,7 +485,7 @@ def _drive(
     if bearing != target.bearing:
         twist = heading_twist(bearing, min(SEARCH_SPEED, control.max_linear), control)
         return _Action(State.DRIVING, twist, "driving around an obstacle")
-    if visible:
+    if pillar_seen:
         reason = "driving to the pillar"
     else:
         reason = f"the pillar is {visibility.value}; driving to its last position"
@@ -482,7 +496,7 @@ def _action_at_stop(
     controller_state: ControllerState,
     target: Target,
     remaining: float,
-    visible: bool,
+    pillar_seen: bool,
     control: ControlConfig,
 ) -> Optional[_Action]:
     """Return the action of a robot that is at its stop position; None if the robot must still drive there.
@@ -493,7 +507,7 @@ def _action_at_stop(
         controller_state: state with `close_at` and stamp of this scan, and with the action of the last scan.
         target: pillar in base_link.
         remaining: distance still to drive [m].
-        visible: whether this scan shows the pillar.
+        pillar_seen: whether this scan shows the pillar.
         control: gains and limits.
     """
     # `tolerance`: the robot is at its stop position if `remaining` is at most this [m]
@@ -509,9 +523,9 @@ def _action_at_stop(
         is_reached = remaining <= tolerance
     # an arrived robot stays although it does not see the pillar, until `remaining` exceeds RESUME_DISTANCE
     stays = controller_state.state is State.ARRIVED and remaining <= RESUME_DISTANCE
-    if (visible and is_reached) or stays:
+    if (pillar_seen and is_reached) or stays:
         return _Action(State.ARRIVED, STOP, arrival)
-    if not visible and remaining <= tolerance:
+    if not pillar_seen and remaining <= tolerance:
         twist = heading_twist(target.bearing, 0.0, control)
         return _Action(State.DRIVING, twist, "turning to the last position of the pillar")
     return None

@@ -168,8 +168,8 @@ class CrashDetector:
         # increases it before each update of `_vertical`.
         self._levelling_time = 0.0
         self._last_stamp = -inf  # [s] stamp of the last judged sample
-        # [s] time between the last two stamps; number of samples with the last stamp, which are averaged
-        self._period, self._samples_of_stamp = 0.0, 1
+        self._period = 0.0  # [s] time between the last two stamps
+        self._samples_of_stamp = 1  # number of samples with the last stamp, which are averaged
         # changes of velocity from sample to sample, by the IMU, with ages up to AFTER + window + BEFORE
         self._increments: Deque[_Increment] = deque()
         # stamp [s]; squared velocity that the body gained sideways and upwards in the time `config.window`

@@ -185,7 +185,7 @@ def _plausible(segments: Segments, config: PillarConfig) -> np.ndarray:
         & (near > 0.0)  # some drivers give 0 if there is no return
         # angle that the largest pillar fills at this distance, and a margin of one beam
         & (span <= 2.0 * np.arcsin(largest_radius / (distance + largest_radius)) + step)
-        # the side of a pillar that the lidar sees is at most one radius deep
+        # the side of a pillar that the lidar sees is at most one radius deep; the rest is a margin for noise
         & (far - distance <= largest_radius + 4.0 * config.max_residual)
         # distance between neighbouring beams at this range; if it is larger than the pillar's diameter, too
         # few beams hit a pillar to show its shape

@@ -80,12 +80,8 @@ def too_close(
     points_in_base = _points(scan, pose_laser_in_base)
     clearance_now = _clearance(points_in_base, Pose2D(), outline)
 
-    # Points that the footprint cannot reach on the way to standstill need not be checked. A corner of the
-    # footprint moves at most by the way of base_link, plus the turn times the corner's distance from
-    # base_link.
-    reach = hypot(outline.half_length, outline.half_width)
-    longest_move = max(hypot(pose.x, pose.y) + abs(pose.yaw) * reach for pose in path)
-    within_reach = clearance_now < config.margin + longest_move
+    # points that the footprint cannot reach on the way to standstill need not be checked
+    within_reach = clearance_now < config.margin + _longest_move(path, outline)
     points_in_base, clearance_now = points_in_base[within_reach], clearance_now[within_reach]
 
     smallest_clearance = clearance_now  # smallest clearance on the path, for each point
@@ -123,6 +119,16 @@ def _braking_path(twist: Twist2D, config: ProximityConfig, drive: DriveConfig) -
         pose = advance(pose, braked, duration)
         path.append(pose)
     return path
+
+
+def _longest_move(path: List[Pose2D], outline: Footprint) -> float:
+    """Return a length by which no point of the footprint moves farther on a path [m].
+
+    A corner of the footprint moves at most by the way of base_link, plus the turn times the corner's distance
+    from base_link. All other points of the footprint are nearer to base_link.
+    """
+    corner_distance = hypot(outline.half_length, outline.half_width)
+    return max(hypot(pose.x, pose.y) + abs(pose.yaw) * corner_distance for pose in path)
 
 
 def _points(scan: Scan, pose_laser_in_base: Pose) -> np.ndarray:

@@ -118,6 +118,7 @@ def read_filter_config(values: Mapping[str, Any], source: str) -> Tuple[FilterCo
         of_input = INPUT.fullmatch(key)
         refusal = _reason_against(key)
         if refusal:
+            # a value that switches the unsupported feature off asks for nothing, so it is accepted
             if not _is_off(key, value):
                 raise ConfigError(f"{source}{key} = {value!r} is not supported: {refusal}")
         elif WITHOUT_EFFECT.fullmatch(key):

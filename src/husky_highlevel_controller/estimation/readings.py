@@ -216,7 +216,8 @@ class MotionSensor:
         axes = matrix_from_quat(sensor_in_base.quat_xyzw)  # rotation from the sensor to base_link
         force = reading.specific_force
         if self._config.remove_gravitational_acceleration:
-            # without a measured attitude, the robot is taken to be level
+            # An accelerometer at rest measures a force upwards. This force, turned to the sensor's axes, is
+            # subtracted. Without a measured attitude, the robot is taken to be level.
             attitude = reading.pose.quat_xyzw if reading.pose else sensor_in_base.quat_xyzw
             force = force - rotate(quat_inverse(attitude), (0.0, 0.0, self._gravity))
         # a robot that turns accelerates a sensor at (x, y) by -(x, y) * yaw_rate^2, which is subtracted
