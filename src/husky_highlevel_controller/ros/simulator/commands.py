@@ -180,21 +180,27 @@ class Commands:
             return  # this node has published the command itself, in `take`, so the command is ignored here
         self._warn_of_two_senders(topic, sender)
         if self._lockstep.drops(topic):
-            # the first additional command of a sender causes no warning, because it may be the stop that a
-            # controller sends when it ends
-            if sender not in self._double_senders:
-                self._double_senders.add(sender)
-                return
-            rospy.logwarn_throttle(
-                10.0,
-                f"{rospy.resolve_name(topic)}: {sender} sends several commands for one scan; lockstep uses"
-                " the first and ignores the rest",
-            )
+            self._warn_of_ignored_command(topic, sender)
             return
         self._arrived.append((topic, msg))
         # lockstep or the lead limit may be waiting for this command as the answer to the last scan
         self._lockstep.command_arrived(topic)
         self._lead_limit.command_arrived()
+
+    def _warn_of_ignored_command(self, topic: str, sender: str) -> None:
+        """Warn that lockstep ignores all but the first command of a sender for one scan.
+
+        The first ignored command of a sender causes no warning, because it may be the stop that a controller
+        sends when it ends.
+        """
+        if sender not in self._double_senders:
+            self._double_senders.add(sender)
+            return
+        rospy.logwarn_throttle(
+            10.0,
+            f"{rospy.resolve_name(topic)}: {sender} sends several commands for one scan; lockstep uses"
+            " the first and ignores the rest",
+        )
 
     def _warn_of_two_senders(self, topic: str, sender: str) -> None:
         """Warn if two nodes send on one topic within TIMEOUT, because the robot obeys both in turn."""

@@ -102,9 +102,9 @@ class Lockstep:
         Args:
             is_on: whether the clock waits at all.
             listeners: nodes that receive the scans or the clock; they show whether a controller sleeps.
-            tell: function that gets a kind and a sentence when an answer does not come. The kind is "asleep"
-                for each scan that a sleeping controller does not answer, and "unanswered" once, when lockstep
-                ends.
+            tell: function that gets a kind and a sentence when an answer does not come. In the sentence, "it"
+                is the controller. The kind is "asleep" for each scan that a sleeping controller does not
+                answer, and "unanswered" once, when lockstep ends.
         """
         self._mode = Mode.WATCHED if is_on else Mode.FREE
         self._mode_before_sleep = self._mode  # mode that comes back when the mode SLEEPING ends
@@ -338,7 +338,7 @@ class Lockstep:
                 rospy.logwarn(
                     f"lockstep: after {timeout:g} s of wall time {missing}; continuing without lockstep"
                 )
-                self._mode = Mode.FREE
+                self._mode = Mode.FREE  # ends this loop
                 text = "it does not answer every scan with a command, so scans continued without it"
                 self._tell("unanswered", text)
             time.sleep(period)

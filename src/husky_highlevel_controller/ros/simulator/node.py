@@ -17,6 +17,7 @@ from std_srvs.srv import Empty, Trigger
 from husky_highlevel_controller import srv
 from husky_highlevel_controller.config import ConfigError
 from husky_highlevel_controller.datatypes import HuskyError, Snapshot, World
+from husky_highlevel_controller.robot import Robot
 from husky_highlevel_controller.ros.master_graph import read_graph
 from husky_highlevel_controller.ros.node import contained, run_node
 from husky_highlevel_controller.ros.registration import RegistrationWatch
@@ -110,21 +111,7 @@ class SimulatorNode:
 
         self._simulation = Simulation(world, robot, config, start.pose, start.seed, start_height=start.z)
         self._camera = self._make_camera(depth_camera, robot, config) if start.kinect_enabled else None
-        self._lockstep = Lockstep(
-            start.lockstep,
-            # shows whether the nodes that read the scans or the clock have finished their work
-            Listeners(self._publishers.scan, self._publishers.clock),
-            # the program that records a run for grading gets a line about each scan that was not answered
-            self._publishers.truth_log.write_line,
-        )
-        # at unlimited speed without lockstep, the simulation could run far ahead of a slow controller, so
-        # this limit makes the simulation wait
-        self._lead_limit = LeadLimit(start.has_unlimited_speed and not start.lockstep)
-        self._findings = Findings()  # mistakes of other nodes, for the log and for ./dev doctor
-        self._commands = Commands(config.robot, self._lockstep, self._lead_limit, self._findings)
-        # if the ROS master no longer knows this node, no new program can stop the robot, so all commands are
-        # refused
-        self._registration = RegistrationWatch(self._commands.refuse)
+        self._listen_to_controllers(config.robot)
         # the program that records a run for grading gets a line about each service call that changes the
         # world
         self._calls = CallQueue(partial(self._publishers.truth_log.write_line, "changed"))
@@ -136,6 +123,24 @@ class SimulatorNode:
             "simulating '%s' with %d bodies, physics at %d Hz%s",
             world.name, len(world.bodies), config.physics_rate, ", paused" if start.paused else "",
         )  # fmt: skip
+
+    def _listen_to_controllers(self, robot: Robot) -> None:
+        """Subscribe to commands, and prepare the waits of simulated time for slow controllers."""
+        self._lockstep = Lockstep(
+            self._start.lockstep,
+            # shows whether the nodes that read the scans or the clock have finished their work
+            Listeners(self._publishers.scan, self._publishers.clock),
+            # the program that records a run for grading gets a line about each scan that was not answered
+            self._publishers.truth_log.write_line,
+        )
+        # at unlimited speed without lockstep, the simulation could run far ahead of a slow controller, so
+        # this limit makes the simulation wait
+        self._lead_limit = LeadLimit(self._start.has_unlimited_speed and not self._start.lockstep)
+        self._findings = Findings()  # mistakes of other nodes, for the log and for ./dev doctor
+        self._commands = Commands(robot, self._lockstep, self._lead_limit, self._findings)
+        # if the ROS master no longer knows this node, no new program can stop the robot, so all commands are
+        # refused
+        self._registration = RegistrationWatch(self._commands.refuse)
 
     def _make_camera(self, setup: CameraSetup, robot: RobotModel, config: SimulatorConfig) -> DepthCamera:
         """Make the depth camera; ConfigError if the robot has no frame for it, or the rate is not valid."""
