@@ -101,18 +101,16 @@ class LocalizationNode:
         self._heard_at: Dict[str, float] = {}
 
     def _on_message(self, msg: Any, name: str) -> None:
-        """Give a message to the filter, or hold it until TF has the frame of the sensor.
+        """Note that an input has sent a message, and take the message (see `_take`).
 
-        Up to QUEUE messages of each input are held. When TF has the frame, the filter gets them before this
-        message. A message whose stamp is more than MAX_AHEAD after the clock is ignored. If the clock has
-        gone back by CLOCK_BACK, the filter starts again. `_heard_at` of the input becomes the present time,
-        except if the message is ignored or held, because the filter must not wait for such an input.
+        The time of the message is kept in `_heard_at`, except if the message is ignored or held, because the
+        filter must not wait for such an input. If the clock has gone back by more than CLOCK_BACK, the filter
+        starts again before it gets the message.
 
         Args:
             msg: Odometry or Imu.
             name: name of the input in the parameters, such as odom0.
         """
-        stamp = msg.header.stamp.to_sec()
         heard_before = self._heard_at.get(name, 0.0)
         # the input has just sent a message, so it must not count as silent while this thread waits for the
         # lock; inf is later than any time
@@ -130,33 +128,43 @@ class LocalizationNode:
                 heard_before = 0.0
             self._last_time = max(now, self._last_time)
             self._heard_at[name] = time.monotonic()
-            if self._first_heard_at == 0.0:  # this is the first message of any input
+            if self._first_heard_at == 0.0:  # this is the first message of any input since the start
                 self._first_heard_at = self._heard_at[name]
-            if stamp > now + MAX_AHEAD:
-                sentence = f"its stamp is {stamp:.3f} s at {now:.3f} s, so it is ignored"
-                self._complain(name, kind="clock", sentence=sentence)
-                self._ignore(name, heard_before)
-                return
-            held = self._held_messages[name]
-            held.append(msg)
-            # poses of the frames of this message; None if TF does not have them yet
-            mounting = self._mounting(msg, name)
-            if mounting is None:
-                # the input counts as silent, so that the filter does not wait for it while its transform is
-                # missing
-                self._heard_at[name] = 0.0
-                del held[:-QUEUE]  # only the last QUEUE messages are kept
-            elif not self._add_held(name, mounting):
+            if not self._take(msg, name, now):
                 self._ignore(name, heard_before)
 
-    def _add_held(self, name: str, mounting: Mounting) -> bool:
-        """Give all held messages of an input to the filter, oldest first; return whether it accepts any."""
-        messages, self._held_messages[name] = self._held_messages[name], []
-        any_accepted = False
-        for message in messages:
-            if self._add(name, message, mounting):
-                any_accepted = True
-        return any_accepted
+    def _take(self, msg: Any, name: str, now: float) -> bool:
+        """Give a message to the filter, or hold it until TF has the frame of the sensor.
+
+        Up to QUEUE messages of each input are held. When TF has the frame, the filter gets them before this
+        message. An input whose message is held counts as silent, so that the filter does not wait for it.
+
+        Args:
+            msg: Odometry or Imu.
+            name: name of the input.
+            now: ROS time [s].
+
+        Returns:
+            False if the message is ignored, because its stamp is more than MAX_AHEAD after the clock, or
+            because the filter accepts neither the message nor a held one.
+        """
+        stamp = msg.header.stamp.to_sec()
+        if stamp > now + MAX_AHEAD:
+            sentence = f"its stamp is {stamp:.3f} s at {now:.3f} s, so it is ignored"
+            self._complain(name, kind="clock", sentence=sentence)
+            return False
+        held = self._held_messages[name]
+        held.append(msg)
+        # poses of the frames of this message; None if TF does not have them yet
+        mounting = self._mounting(msg, name)
+        if mounting is None:
+            self._heard_at[name] = 0.0
+            del held[:-QUEUE]  # only the last QUEUE messages are kept
+            return True
+        self._held_messages[name] = []
+        # all messages are given to the filter, oldest first; the message of this call is the last
+        accepted = [self._add(name, message, mounting) for message in held]
+        return any(accepted)
 
     def _ignore(self, name: str, heard_before: float) -> None:
         """Undo that an input was heard, because its message is ignored.
