@@ -458,7 +458,7 @@ def _drive(
 ) -> _Action:
     """Choose the action of a robot that knows where the pillar is.
 
-    At the stop position the robot stands. On the way to it, the robot drives around obstacles.
+    `_action_at_stop` answers for the stop position. Before it, the robot drives, around obstacles if needed.
 
     Args:
         controller_state: state with `close_at` and stamp of this scan, and with the action of the last scan.
@@ -513,11 +513,11 @@ def _action_at_stop(
     # `tolerance`: the robot is at its stop position if `remaining` is at most this [m]
     if to_be_touched(target, control):
         tolerance, arrival = TOUCH_GAP, "arrived: touching the pillar"
-        # The measured gap has an error, so it does not show whether the robot touches the pillar. Instead,
-        # the robot touches it after it has crept for TOUCH_CREEP_TIME. `updated_at` is the stamp of this
-        # scan.
+        # The measured gap has an error, so the gap does not show whether the robot touches the pillar. The
+        # time shows this: it touches after it has crept for TOUCH_CREEP_TIME.
         close_at = controller_state.close_at
-        is_reached = close_at is not None and controller_state.updated_at - close_at > TOUCH_CREEP_TIME
+        now = controller_state.updated_at  # stamp of this scan
+        is_reached = close_at is not None and now - close_at > TOUCH_CREEP_TIME
     else:
         tolerance, arrival = control.arrival_tolerance, "arrived: at the stop distance"
         is_reached = remaining <= tolerance

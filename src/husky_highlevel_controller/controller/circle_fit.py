@@ -227,8 +227,7 @@ def _free_radius(products: Products, count: int, noise: float) -> Tuple[float, f
     covariance = _inverse(xx + _X_WEIGHT, xy, xr, yy + _FREE_WEIGHT, yr, rr + _FREE_WEIGHT)
     dx, dy, dr = _apply(covariance, (xe, ye, re))  # step of Gauss-Newton by the beams alone
     degrees_of_freedom = max(count - 3, 1e-3)  # a circle has three parameters
-    # a step of least squares makes the sum of the squared errors smaller by the product of step and (xe, ye,
-    # re)
+    # the step makes the sum of the squared errors smaller by the product of the step and (xe, ye, re)
     left_after_step = ee - (dx * xe + dy * ye + dr * re)
     variance = max(left_after_step, 0.0) / degrees_of_freedom  # variance of one beam's error
     standard_error = sqrt((variance + noise**2) * max(covariance[2][2], 0.0))

@@ -160,8 +160,8 @@ def _starts_of_bodies(
     if not len(left):
         return np.array((0,)), left  # all beams lie on one body; no beam is omitted, and `left` is empty
     breaks = left[on_two_bodies(left, left + 1)] + 1  # indices at which the second and each later body begin
-    # A body has only one beam if the next body begins at the next beam. If bodies begin at 3, 4 and 9, the
-    # beam 3 is alone.
+    # A body has only one beam if the next body begins at the next beam. For example, if bodies begin at 3, 4
+    # and 9, the beam 3 is alone on its body.
     is_alone = breaks[1:] == breaks[:-1] + 1
     lonely = breaks[:-1][is_alone]
     # such a beam is omitted if the beams before and after it may lie on one body
