@@ -10,7 +10,7 @@ import re
 import shutil
 from dataclasses import replace
 from pathlib import Path
-from typing import Collection, Dict, List, NamedTuple, Optional, Sequence, Tuple
+from typing import Collection, Dict, List, Mapping, NamedTuple, Optional, Sequence, Tuple
 
 from husky_grading.drive.bring_up import simulate
 from husky_grading.drive.progress import state_of_tree, wait_while_active
@@ -29,7 +29,7 @@ from husky_grading.isolation.files import (
     texts_in,
     walk,
 )
-from husky_grading.isolation.process import wait
+from husky_grading.isolation.process import Process, wait
 from husky_grading.isolation.ros_network import Network
 from husky_grading.submission import SIMULATOR_NODES, SUBMISSION_FOLDER, Submission
 
@@ -77,7 +77,7 @@ class Place(NamedTuple):
 
 
 class Read(NamedTuple):
-    """Read of a value that was never written, as valgrind reports it."""
+    """Read of a value that was never written: the line that reads it, and the line that made its memory."""
 
     # line of the submission that reads the value; None if only ROS reads the value, to send it in a message
     place: Optional[Place]
@@ -125,11 +125,6 @@ def find_unwritten_variable(
             """Return whether the submission subscribes to the scans of the simulated robot."""
             return robot.config.scan_topic in topics_subscribed(network.uri, SIMULATOR_NODES)
 
-        def cpu_seconds() -> float:
-            """Return the CPU time that the submission has used since its start [s]."""
-            _, seconds = state_of_tree(process.popen.pid)
-            return seconds
-
         # true if the submission subscribes to the scans; false if it ends or becomes idle before that
         gets_scans = wait_while_active(
             process,
@@ -138,10 +133,10 @@ def find_unwritten_variable(
             # a submission that still registers new topics is active
             read_graph=lambda: read_registrations(network.uri, SIMULATOR_NODES),
         )
-        final_choice = robot
+        final_choice = robot  # robot that is simulated in the end
         if robot.is_guess:
-            # settings with the robot to whose scans the submission has subscribed; if there is no such robot,
-            # they are None, and `after_hearing` keeps the guess
+            # settings with the robot to whose scans the submission has subscribed; None if there is no such
+            # robot, and then `after_hearing` keeps the guess
             heard_config = robot_listened_to(network.uri, SIMULATOR_NODES, robot.config)
             final_choice = robot.after_hearing(heard_config)
         if final_choice.config != robot.config:  # the guess was wrong
@@ -149,19 +144,36 @@ def find_unwritten_variable(
             simulate(network, trial, replace(final_choice.config, pace=PACE))
             # the submission has already subscribed to this robot's scans, and gets them if it still runs
             gets_scans = process.running
-        if gets_scans:  # let the callbacks of the scans run until they have used CPU_TIME
-            used_before = cpu_seconds()
-            wait(lambda: not process.running or cpu_seconds() - used_before > CPU_TIME, WALL_TIME)
-        # The logs are read before the node is ended, because an interrupted `getParam` leaves its variable
-        # without a value. Each process has written a log of its own.
-        log = ""
-        for path in sorted(network.folder_of(SUBMISSION_FOLDER).iterdir()):
-            if path.name.startswith(LOG):
-                with contextlib.suppress(UnreadableFileError):
-                    log += read_text(path) + "\n"
+        if gets_scans:
+            _let_callbacks_run(process)
+        # the logs are read before the end of the network ends the node, because an interrupted `getParam`
+        # leaves its variable without a value
+        log = _read_logs(network.folder_of(SUBMISSION_FOLDER))
     # `or folder` is only for mypy: `is_worth_checking` lets no submission without a root come here
     sources = (submission.root or folder) / "src"
     return sentence(reads_in(log, sources), sources), final_choice
+
+
+def _let_callbacks_run(process: Process) -> None:
+    """Wait until a submission that gets scans has used CPU_TIME more, or has ended; at most WALL_TIME."""
+
+    def cpu_seconds() -> float:
+        """Return the CPU time that the submission has used since its start [s]."""
+        _, seconds = state_of_tree(process.popen.pid)
+        return seconds
+
+    used_before = cpu_seconds()
+    wait(lambda: not process.running or cpu_seconds() - used_before > CPU_TIME, WALL_TIME)
+
+
+def _read_logs(folder: Path) -> str:
+    """Return the logs of valgrind in a folder as one text; each process has written a log of its own."""
+    log = ""
+    for path in sorted(folder.iterdir()):
+        if path.name.startswith(LOG):
+            with contextlib.suppress(UnreadableFileError):
+                log += read_text(path) + "\n"
+    return log
 
 
 def _is_compiled(path: Path) -> bool:
@@ -209,15 +221,14 @@ def reads_in(log: str, sources: Path) -> List[Read]:
     found: List[Read] = []
     # Memcheck begins each line with ==PID==, and ends each report with such a line without text. A report has
     # two call stacks: the read of the value, and the allocation of its memory.
-    for block in re.split(r"^==\d+== *$", log, flags=re.MULTILINE):
-        text = re.sub(r"^==\d+== *", "", block, flags=re.MULTILINE).strip()
+    for report in re.split(r"^==\d+== *$", log, flags=re.MULTILINE):
+        text = re.sub(r"^==\d+== *", "", report, flags=re.MULTILINE).strip()
         reading_stack, _, creation_stack = text.partition("Uninitialised value was created")
         origin = _first_own_line(creation_stack, own_files)
         if reading_stack.startswith(("Conditional jump", "Use of uninitialised value")):
             place = _first_own_line(reading_stack, own_files)
-            if (
-                place is not None
-            ):  # otherwise the value is only printed, or no line of the submission reads it
+            # None means that the value is only printed, or that no line of the submission reads it
+            if place is not None:
                 found.append(Read(place, origin))
         elif reading_stack.startswith("Syscall param") and "ros::" in reading_stack and origin is not None:
             # ROS reads the value to send it, so only the allocation is in a line of the submission
@@ -252,22 +263,29 @@ def sentence(reads: Sequence[Read], sources: Path) -> str:
         return ""
     texts = _texts(sources)
     declarations = _declared_without_value(texts)
-    for place, _ in reads:  # each place is the line of the submission that reads the value
-        if place is not None:
-            lines = texts.get(place.file, "").splitlines()
-            code = lines[place.line - 1] if 1 <= place.line <= len(lines) else ""
-            for name in re.findall(r"\w+", code):
-                if name in declarations:
-                    declared_at = declarations[name]
-                    variable = f"`{name}` ({declared_at.file}:{declared_at.line})"
-                    return f"{variable} is read at {place.file}:{place.line} before it is written"
-    place, origin = reads[0]
-    if place is not None:
-        return f"a variable is read at {place.file}:{place.line} before it is written"
+    # lines of the submission that read a value; a read by ROS alone has no such line
+    reading_lines = [read.place for read in reads if read.place is not None]
+    for place in reading_lines:
+        words = re.findall(r"\w+", _code_at(place, texts))
+        names = [word for word in words if word in declarations]
+        if names:
+            declared_at = declarations[names[0]]
+            variable = f"`{names[0]}` ({declared_at.file}:{declared_at.line})"
+            return f"{variable} is read at {place.file}:{place.line} before it is written"
+    # no line names its variable, so the sentence is on the first read
+    first_place, origin = reads[0]
+    if first_place is not None:
+        return f"a variable is read at {first_place.file}:{first_place.line} before it is written"
     # no line of the submission reads the value, but ROS reads it to send it in a message; `origin` is the
     # line of the submission that allocated the memory of the value
     object_place = f", in an object made at {origin.file}:{origin.line}" if origin else ""
     return f"it sends a value that was never written{object_place}"
+
+
+def _code_at(place: Place, texts: Mapping[str, str]) -> str:
+    """Return the text of a line; empty if the file in `texts`, by its name, has no such line."""
+    lines = texts.get(place.file, "").splitlines()
+    return lines[place.line - 1] if 1 <= place.line <= len(lines) else ""
 
 
 def _declared_without_value(texts: Dict[str, str]) -> Dict[str, Place]:

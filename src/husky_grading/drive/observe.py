@@ -5,14 +5,14 @@ from __future__ import annotations
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Any, Sequence
+from typing import Any, Callable, Sequence
 
 from tqdm import tqdm
 
 from husky_grading.drive.bring_up import BringUp
 from husky_grading.drive.memcheck import find_unwritten_variable, is_worth_checking
 from husky_grading.drive.robot_choice import RobotChoice, choose_robot
-from husky_grading.drive.run import drive_submission, not_begun
+from husky_grading.drive.run import Driven, drive_submission, not_begun
 from husky_grading.drive.trials import Trial
 from husky_grading.isolation.files import remove_tree, write_whole
 from husky_grading.notes import Kind, Note
@@ -52,30 +52,42 @@ def observe(
     unwritten_variable = ""
     if is_worth_checking(submission):
         unwritten_variable, robot = find_unwritten_variable(submission, trials[0], robot, out / "memcheck")
+    # `drive_submission` with the arguments that are the same in all runs
+    drive = partial(
+        drive_submission, submission, bring_up=bring_up, folder=out / DRIVE,
+        unwritten_variable=unwritten_variable,
+    )  # fmt: skip
     for trial in trials:
-        folder = out / DRIVE  # renamed to drive_NUMBER after the run
-        # progress bar in simulated seconds, which is full at the deadline; the run may end earlier
-        bar = tqdm(
-            total=robot.config.deadline, desc=f"drive {trial.number} of {len(trials)}", bar_format=BAR,
-            disable=None, leave=False,
-        )  # fmt: skip
-        with bar:
-            drive = partial(
-                drive_submission, submission, trial, bring_up=bring_up, folder=folder,
-                unwritten_variable=unwritten_variable, on_time=partial(_show_time, bar),
-            )  # fmt: skip
-            try:
-                driven = drive(robot=robot)
-                # without a recording, the wrong robot was simulated; `driven.robot` is the right one
-                if driven.recording is None:
-                    driven = drive(robot=driven.robot)
-            finally:
-                if folder.exists():
-                    folder.rename(out / f"drive_{trial.number}")
+        title = f"drive {trial.number} of {len(trials)}"
+        try:
+            driven = _drive_right_robot(drive, trial, robot, title)
+        finally:
+            if (out / DRIVE).exists():
+                (out / DRIVE).rename(out / f"drive_{trial.number}")
         if not driven.moved and trial is trials[0]:
             break  # the robot would not move in further runs either
         # the first recording has the reason for the choice of the robot, so the next recordings have none
         robot = driven.robot.settled()
+
+
+def _drive_right_robot(drive: Callable[..., Driven], trial: Trial, robot: RobotChoice, title: str) -> Driven:
+    """Let a submission drive once, and again with the right robot if the guess of the robot was wrong.
+
+    Args:
+        drive: function `drive_submission` with the arguments that are the same in all runs.
+        trial: start and pillar of the run.
+        robot: robot to simulate first.
+        title: text of the progress bar.
+    """
+    # progress bar in simulated seconds, which is full at the deadline; the run may end earlier
+    bar = tqdm(total=robot.config.deadline, desc=title, bar_format=BAR, disable=None, leave=False)
+    with bar:
+        show_time = partial(_show_time, bar)
+        driven = drive(trial, robot=robot, on_time=show_time)
+        # without a recording, the wrong robot was simulated; `driven.robot` is the right one
+        if driven.recording is None:
+            driven = drive(trial, robot=driven.robot, on_time=show_time)
+    return driven
 
 
 def _write_recording_without_run(submission: Submission, trial: Trial, robot: RobotChoice, out: Path) -> None:

@@ -93,11 +93,7 @@ def drive_submission(
         task = Assignment(
             initial, truth_socket, robot.config.exercise, ours=SIMULATOR_NODES, packages=packages
         )
-        recorder = RecorderChannel(network, task)
-        # `update` takes in the messages that have come, and returns the recorder itself
-        wait(lambda: recorder.update().ready or not recorder.is_open, START_DEADLINE, START_PERIOD)
-        if not recorder.ready:
-            raise MarkingError(f"the recorder does not start: {recorder.process.output.strip()[-500:]}")
+        recorder = _start_recorder(network, task)
         simulator = bring_up(network, trial, robot.config, truth_socket)
         submitted, events_file = start_submission(network, submission)
         # settings of the run, with the robot to whose scans the submission has subscribed
@@ -110,28 +106,57 @@ def drive_submission(
         # reason
         if recorder.subscribed:
             robot = robot.after_hearing(robot.config)
-        # The output and the events are read now, because the end of the network will end the submission, too.
-        # Then the ends of its nodes would look like faults.
-        output = submitted.output
-        # packages whose nodes count as the student's work, such as robot_localization in exercise 4; empty if
-        # the student's packages are unknown
-        own_packages = (*submission.own, *submission.parts.by_submission) if submission.own else ()
-        notes = notes_on(read_events(events_file), output, own_packages)
-        if robot.why:  # the first note gives the reason for the choice of the robot
-            notes.insert(0, Note(Kind.ROBOT, robot.why))
-        # a problem means that a limit, such as the limit of memory, has ended the submission
-        if submitted.problem:
-            notes.append(Note(Kind.LIMIT, submitted.problem))
+        # The process is observed now, because the end of the network will end the submission, too. Then the
+        # ends of its nodes would look like faults.
+        closing = _observations(submission, submitted, events_file, robot, cut_off)
         # the recorder sends its recording by itself only if it has ended the run
         if cut_off:
             recorder.send(HandOver())
         wait(lambda: recorder.update().recording is not None or not recorder.is_open, START_DEADLINE)
     if recorder.recording is None:
         raise MarkingError(f"the recorder sent no recording: {recorder.process.output.strip()[-500:]}")
-    # the recorder does not know notes, output and reason of a cut-off, so they are added here
-    recording = closed(recorder.recording, Closing(tuple(notes), cut_off, output))
+    recording = closed(recorder.recording, closing)
     write_whole(folder / RECORDING, recording_to_json(recording))
     return Driven(robot, recording)
+
+
+def _start_recorder(network: Network, task: Assignment) -> RecorderChannel:
+    """Start the recorder of a run, and wait until it is ready.
+
+    Raises:
+        MarkingError: the recorder does not start.
+    """
+    recorder = RecorderChannel(network, task)
+    # `update` takes in the messages that have come, and returns the recorder itself
+    wait(lambda: recorder.update().ready or not recorder.is_open, START_DEADLINE, START_PERIOD)
+    if not recorder.ready:
+        raise MarkingError(f"the recorder does not start: {recorder.process.output.strip()[-500:]}")
+    return recorder
+
+
+def _observations(
+    submission: Submission, submitted: Process, events_file: Path, robot: RobotChoice, cut_off: Optional[Note]
+) -> Closing:
+    """Return what the recorder does not know of a run: notes, output of the submission, reason of a cut-off.
+
+    Args:
+        submission: submission that was started.
+        submitted: process of the submission.
+        events_file: file with the events of the submission.
+        robot: robot that was simulated, with the reason for its choice.
+        cut_off: reason why the run must be cut off; None if the recorder has ended the run.
+    """
+    output = submitted.output
+    # packages whose nodes count as the student's work, such as robot_localization in exercise 4; empty if the
+    # student's packages are unknown
+    own_packages = (*submission.own, *submission.parts.by_submission) if submission.own else ()
+    notes = notes_on(read_events(events_file), output, own_packages)
+    if robot.why:  # the first note gives the reason for the choice of the robot
+        notes.insert(0, Note(Kind.ROBOT, robot.why))
+    # a problem means that a limit, such as the limit of memory, has ended the submission
+    if submitted.problem:
+        notes.append(Note(Kind.LIMIT, submitted.problem))
+    return Closing(tuple(notes), cut_off, output)
 
 
 def _wait_until_it_takes_part(
