@@ -109,17 +109,13 @@ def read_launch_files(
     if override.launch is not None:
         files = [_only_file(files, override.launch)]
     scanning, driving = _packages_by_messages(packages, folders)
-    # name of the package that contains each file; empty if no package contains the file
-    containing_packages: List[str] = []
-    launchables: List[Launchable] = []
-    for path, _ in files:
-        names = [name for name, folder in folders.items() if folder in path.parents]
-        containing_packages.append(names[0] if names else "")
-        # a launch file that is in no package is started as a file of the first package; any package will do,
-        # because roslaunch gets the path of the file
-        first_package = next(iter(folders))
-        package = names[0] if names else first_package
-        launchables.append(Launchable("launch", package, str(path), override.arguments))
+    containing_packages = [_package_around(path, folders) for path, _ in files]
+    # a launch file that is in no package is started as a file of the first package; any package will do,
+    # because roslaunch gets the path of the file
+    launchables = [
+        Launchable("launch", containing or next(iter(folders)), str(path), override.arguments)
+        for (path, _), containing in zip(files, containing_packages)
+    ]
     planned = plans(launchables, workspace, own_copies.root.with_name("plan"), robot_packages)
     # Packages whose nodes show that a launch file is for the exercise. In exercise 4, these are packages of
     # ROS: the filter that the student's launch file starts, and rosbag, which plays the recording. In other
@@ -129,13 +125,7 @@ def read_launch_files(
         exercise_packages = set(folders)
     launch_files = []
     for (path, place), containing, plan in zip(files, containing_packages, planned):
-        # The plan leaves out nodes of rosbag, because `grade` plays the recording itself. These nodes count
-        # here, too: a launch file of exercise 4 that only plays the recording is still for this exercise.
-        if plan.is_read:
-            all_nodes: Iterable[str] = (*plan.nodes, *plan.left_out)
-        else:  # roslaunch could not read the file, so its text is searched for nodes
-            all_nodes = nodes_in(path)
-        nodes = tuple(node for node in all_nodes if _package_of(node) in exercise_packages)
+        nodes = _nodes_of_packages(exercise_packages, path, plan)
         # The RViz configuration is searched in the package that owns the launch file. A launch file in no
         # package belongs to the package of its first node. Without a node, it belongs to the first package.
         possible_owners = [containing, *map(_package_of, nodes), *folders]
@@ -147,6 +137,24 @@ def read_launch_files(
         )  # fmt: skip
         launch_files.append(launch_file)
     return launch_files
+
+
+def _package_around(path: Path, folders: Mapping[str, Path]) -> str:
+    """Return the name of the package whose folder contains a file; empty if no package contains the file."""
+    return next((name for name, folder in folders.items() if folder in path.parents), "")
+
+
+def _nodes_of_packages(packages: Collection[str], launch_file: Path, plan: Plan) -> Tuple[str, ...]:
+    """Return the nodes of these packages in a launch file, as package/type; `plan` is the launch file's plan.
+
+    The plan leaves out nodes of rosbag, because `grade` plays the recording itself. These nodes count here,
+    too. So a launch file of exercise 4 that only plays the recording is still for this exercise.
+    """
+    if plan.is_read:
+        all_nodes: Iterable[str] = (*plan.nodes, *plan.left_out)
+    else:  # roslaunch could not read the file, so its text is searched for nodes
+        all_nodes = nodes_in(launch_file)
+    return tuple(node for node in all_nodes if _package_of(node) in packages)
 
 
 def _only_file(files: Sequence[Tuple[Path, PurePosixPath]], end: str) -> Tuple[Path, PurePosixPath]:
@@ -217,22 +225,27 @@ def choose_launch_files(files: Sequence[LaunchFile], exercise: int, facts: Facts
     if driving:  # a node that reads no scans and sends no velocities, as in a tutorial, is not the controller
         fitting = [file for file in fitting if file.driving_nodes]
     if not fitting:
-        # the error names what was searched, nodes that are only commented out, and the files that exist
-        names = ", ".join(sorted(str(file.place) for file in files)[:20]) or "none"
-        needed_node = f"a node of {', '.join(sorted(driving))}" if driving else facts.node
-        comments = [
-            f"{node} is commented out in {file.place}; "
-            for file in files
-            for node in nodes_in(file.path, in_comments=True)
-        ]
-        raise NotMarkableError(
-            f"no launch file starts {needed_node}; {''.join(comments[:3])}launch files: {names}"
-        )
-
+        raise _no_launch_file(files, f"a node of {', '.join(sorted(driving))}" if driving else facts.node)
     # among files with equal merits, the file with the shorter path is better
     return sorted(
         fitting,
         key=lambda file: (*_merits(file, exercise, facts), len(file.place.parts), str(file.place)),
+    )
+
+
+def _no_launch_file(files: Sequence[LaunchFile], needed_node: str) -> NotMarkableError:
+    """Return the error that no launch file starts a needed node, with the launch files that exist.
+
+    The error also names nodes that are only commented out, because the student may have forgotten them.
+    """
+    names = ", ".join(sorted(str(file.place) for file in files)[:20]) or "none"
+    comments = [
+        f"{node} is commented out in {file.place}; "
+        for file in files
+        for node in nodes_in(file.path, in_comments=True)
+    ]
+    return NotMarkableError(
+        f"no launch file starts {needed_node}; {''.join(comments[:3])}launch files: {names}"
     )
 
 
@@ -312,57 +325,67 @@ def _copy_launch_files_above(
 ) -> Iterator[Tuple[Path, PurePosixPath]]:
     """Copy launch files that a student has put beside or above a package, and yield each of them.
 
-    Files inside of packages, and files that were copied for another package before, are left out. For each
-    file, the path of the copy and the path of the file in the submission are yielded.
+    Files that were copied for another package before are left out. For each file, the path of the copy and
+    the path of the file in the submission are yielded.
     """
-    # `top` is the submission's folder or an unpacked archive, and `place` is its path in the submission; only
-    # folders inside of `top` are searched
+    for path, launch_place in _launch_files_above(package, contents):
+        target = root / "src" / BESIDE / launch_place
+        if not target.exists():
+            with contextlib.suppress(UnreadableFileError):  # `copy` rejects a link or a FIFO
+                target.parent.mkdir(parents=True, exist_ok=True)
+                copy(path, target)
+                yield target, launch_place
+
+
+def _launch_files_above(package: Package, contents: Contents) -> Iterator[Tuple[Path, PurePosixPath]]:
+    """Yield the launch files in the folders around a package that are in no package, from inside to outside.
+
+    For each file, its path on this machine and its path in the submission are yielded.
+    """
+    # `top` is the submission's folder or an unpacked archive, and `place` is its path in the submission
     for top, place in contents.places.items():
-        for folder in package.path.parents:  # the innermost folder comes first
-            if folder != top and top not in folder.parents:
-                break  # the folder is outside of `top`
+        # only `top` and folders inside of it are searched, because other folders are not the student's
+        folders = [folder for folder in package.path.parents if folder == top or top in folder.parents]
+        for folder in folders:
             # both .launch and .launch.xml are launch files; `file_suffix` leaves out other names, such as
             # .launch~
             for path in sorted([*folder.glob("*.launch*"), *folder.glob("launch/*.launch*")]):
-                launch_place = place / path.relative_to(top).as_posix()
-                target = root / "src" / BESIDE / launch_place
                 is_in_package = any(each.path in path.parents for each in contents.packages)
-                is_new = not is_in_package and not target.exists()
                 # a link could lead out of the submission, to files that are not the student's
-                if is_new and is_below(path, top) and file_suffix(path) == ".launch":
-                    with contextlib.suppress(UnreadableFileError):  # `copy` rejects a link or a FIFO
-                        target.parent.mkdir(parents=True, exist_ok=True)
-                        copy(path, target)
-                        yield target, launch_place
+                if not is_in_package and is_below(path, top) and file_suffix(path) == ".launch":
+                    yield path, place / path.relative_to(top).as_posix()
 
 
 def _merits(file: LaunchFile, exercise: int, facts: Facts) -> Tuple[Any, ...]:
     """Return criteria by which launch files are sorted, the most important one first; smaller is better.
 
-    The launch file with the smallest result is probably the student's solution, and is graded.
+    The launch file with the smallest result is probably the student's solution, and is graded. A criterion
+    that speaks for a launch file is negated, because False is smaller than True.
     """
     fit = fit_of_path(file.place, exercise)
-    # a solution starts the course's world and reads scans, and its path often has a word such as controller;
-    # False is better than True
+    # a solution starts the course's world and reads scans, and its path often has a word such as controller
     content = (not file.plan.pillar, not file.scans, not CONTROLLER.search(str(file.place)))
     # The fit is negative, because a larger `Fit` is better. In exercise 3, which sets `by_content`, the world
     # with the pillar is surer evidence than a number in the path, so the content comes first.
     fit_and_content = (content, -fit) if facts.by_content else (-fit, content)
-    # packages of ROS whose nodes are graded in place of the student's own nodes; empty except in exercise 4
-    graded_packages = facts.robot_packages.by_submission
-    if graded_packages:
-        # in exercise 4, the name of a solution often has a word of OTHER_USE, such as ekf, so the nodes and
-        # not the name show another use
-        has_other_use = not any(_package_of(node) in graded_packages for node in file.nodes)
-    else:
-        has_other_use = bool(OTHER_USE.search(file.place.name))
     return (
         file.is_template,  # an unchanged template has no work of the student, so it comes last
         fit == Fit.OTHER_EXERCISE,  # a path with the number of another exercise comes later
-        has_other_use,  # a launch file for a test or an old copy is not the solution, so it comes later
+        _has_other_use(file, facts),  # a launch file for a test is not the solution, so it comes later
         *fit_and_content,
         # a word such as controller counts more in the file's name than in a folder's name
         not CONTROLLER.search(file.place.name),
         # the exercises ask for a launch file that starts RViz, so a file without RViz comes later
         not file.plan.rviz,
     )
+
+
+def _has_other_use(file: LaunchFile, facts: Facts) -> bool:
+    """Return whether a launch file is probably for a test, or an old copy, and not the solution."""
+    # packages of ROS whose nodes are graded in place of the student's own nodes; empty except in exercise 4
+    graded_packages = facts.robot_packages.by_submission
+    if graded_packages:
+        # in exercise 4, the name of a solution often has a word of OTHER_USE, such as ekf, so the nodes and
+        # not the name show another use
+        return not any(_package_of(node) in graded_packages for node in file.nodes)
+    return bool(OTHER_USE.search(file.place.name))
