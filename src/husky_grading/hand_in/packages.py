@@ -259,15 +259,24 @@ def choose_packages(
                 f"package {name} is taken from {namesakes[0].place}; these copies are left out: {places}"
             )
         chosen[name] = namesakes[0]
-    names = {
-        name for name, package in chosen.items() if fit_of_path(package.place, exercise) != Fit.OTHER_EXERCISE
-    }
-    # if all packages belong to other exercises, all of them stay
-    names = with_dependencies(names or set(chosen), chosen)
+    names = _names_for_exercise(chosen, exercise)
     other_names = sorted(set(chosen) - names)
     if other_names:
         notes.append(f"packages of other exercises are left out: {', '.join(other_names)}")
     return [chosen[name] for name in sorted(names)], notes
+
+
+def _names_for_exercise(packages: Dict[str, Package], exercise: int) -> Set[str]:
+    """Return the names of the packages that do not belong to another exercise, with all their dependencies.
+
+    If all packages belong to other exercises, the names of all of them are returned.
+    """
+    fitting = {
+        name
+        for name, package in packages.items()
+        if fit_of_path(package.place, exercise) != Fit.OTHER_EXERCISE
+    }
+    return with_dependencies(fitting or set(packages), packages)
 
 
 def _chosen_first(namesakes: Sequence[Package], exercise: int, attempt: int) -> List[Package]:

@@ -42,7 +42,7 @@ from husky_grading.isolation.process import Process, wait_and_kill
 from husky_grading.isolation.ros_network import START_DEADLINE, MarkingError
 from husky_grading.isolation.sandbox import Workspace, clean_environment, kind_of_sandbox
 from husky_grading.notes import Kind, Note
-from husky_grading.records import Job, Launchable
+from husky_grading.records import Job, Launchable, Override
 from husky_grading.submission import COPIES, WORKSPACE, Plan, Submission, starter
 from husky_highlevel_controller.config import to_json
 
@@ -214,11 +214,7 @@ def prepare_hand_in(job: Job, underlay: Workspace, facts: Facts) -> Tuple[Submis
     job = replace(job, override=replace(job.override, exercise=exercise))
     # the submission must see neither the other submissions nor their results
     underlay = replace(underlay, hidden=(*underlay.hidden, path.parent, out.parent), own=VisibleCode.NOTHING)
-    choices: List[Choice] = []  # the best one first; several only if there are copies of a package
-    for attempt in range(MAX_TRIED):
-        choice = choose_packages(contents.packages, exercise, attempt)
-        if choice not in choices:
-            choices.append(choice)
+    choices = _choices(contents.packages, exercise)
     errors: List[NotMarkableError] = []  # reasons why choices have no launch file that can be started
     unbuilt_choices: List[Choice] = []  # choices with a launch file whose nodes cannot be built
     for choice in choices:
@@ -237,6 +233,20 @@ def prepare_hand_in(job: Job, underlay: Workspace, facts: Facts) -> Tuple[Submis
     # the same workspace, so the first choice is prepared once more; otherwise the workspace would contain the
     # packages of the last choice.
     return _prepare_choice(contents, unbuilt_choices[0], job, underlay, facts)
+
+
+def _choices(packages: Sequence[Package], exercise: int) -> List[Choice]:
+    """Return at most MAX_TRIED different choices of packages, the best one first.
+
+    There is more than one choice only if the submission has several copies of a package.
+    """
+    choices: List[Choice] = []
+    for attempt in range(MAX_TRIED):
+        choice = choose_packages(packages, exercise, attempt)
+        # attempts beyond the number of copies give the same choice again
+        if choice not in choices:
+            choices.append(choice)
+    return choices
 
 
 def _prepare_choice(
@@ -260,36 +270,23 @@ def _prepare_choice(
     # launch files find a copy of this package, which is not built and whose repairs are not reported.
     public_packages = copies_of_public(contents.packages)
     public_folders, _ = copy_packages(public_packages, out / COPIES)
-    public_paths = public_folders.packages.values()
-    candidates: List[LaunchFile] = []  # launch files that may be started, the best one first
-    if not override.node:  # a node that the teacher names is started without a launch file
-        # before the build, launch files find the packages by their sources
-        unbuilt = replace(underlay, packages=(*underlay.packages, folders.root / "src", *public_paths))
-        try:
-            candidates = read_launch_files(
-                contents, [*packages, *public_packages], folders, public_folders,
-                _with_robot_packages(facts, unbuilt), override, facts.robot_packages,
-            )  # fmt: skip
-            if override.launch:  # only the launch file that the teacher names was read
-                notes.append(f"launch file {candidates[0].place}: named in marking.yaml")
-            else:
-                candidates = choose_launch_files(candidates, exercise, facts)
-        except NotMarkableError as error:
-            raise NotMarkableError("; ".join([str(error), *notes])) from error
+    copied = [*packages, *public_packages]
+    try:
+        candidates = _candidates(contents, copied, folders, public_folders, underlay, job, facts)
+    except NotMarkableError as error:
+        raise NotMarkableError("; ".join([str(error), *notes])) from error
+    if candidates and override.launch:
+        notes.append(f"launch file {candidates[0].place}: named in marking.yaml")
     # `launch` is the launch file that is started; None if the teacher has named a node, because there are no
     # candidates then
     launch, built, build_notes = _build_candidates(candidates, packages, folders, underlay)
     notes += [*repair_notes, *build_notes]
+    launchable = _launchable_of(launch, override)
     # the chosen launch file and all launch files that are equally good; empty if no other one is equally good
     equal_places: List[str] = []
     if launch is None:
-        package, node = (override.node or "").split()  # `or ""` tells mypy that there is a node
-        launchable = Launchable("node", package, node, override.arguments)
-        can_start = is_built(f"{package}/{node}", folders)
+        can_start = is_built(f"{launchable.package}/{launchable.name}", folders)
     else:
-        # the result shows the path that the student knows, and not the path of the copy on this machine
-        title = " ".join([str(launch.place), *override.arguments])
-        launchable = Launchable("launch", launch.package, str(launch.path), override.arguments, title)
         can_start = _is_any_built(launch, folders)
         if not override.launch:
             notes.append(reasons(launch, candidates, exercise))
@@ -300,7 +297,7 @@ def _prepare_choice(
         if add_rviz_files(contents, exercise, folders.packages[launch.package]):
             notes.append("RViz's configuration was found outside of the packages")
     # the submission is started with its built packages and the copies of public packages
-    packages_seen = (*built.workspace.packages, *public_paths)
+    packages_seen = (*built.workspace.packages, *public_folders.packages.values())
     workspace = _with_robot_packages(facts, replace(built.workspace, packages=packages_seen))
     planned = launch.plan if launch else Plan()
     # if the launch file could not be read before the build, it is read again, because it may need files of
@@ -317,6 +314,55 @@ def _prepare_choice(
         own=tuple(package.name for package in packages), equals=tuple(equal_places),
     )  # fmt: skip
     return submission, planned
+
+
+def _candidates(
+    contents: Contents,
+    packages: Sequence[Package],
+    folders: Folders,
+    public_folders: Folders,
+    underlay: Workspace,
+    job: Job,
+    facts: Facts,
+) -> List[LaunchFile]:
+    """Return the launch files that may be started, the best one first; none if the teacher names a node.
+
+    Args:
+        contents: contents of the submission.
+        packages: packages of which `folders` or `public_folders` has a copy.
+        folders: copies of the packages that are graded.
+        public_folders: copies of public packages to which the student has added files.
+        underlay: workspace below the submission.
+        job: job with the teacher's settings for this student.
+        facts: functions and settings with which the exercise reads the submission.
+
+    Raises:
+        NotMarkableError: there is no fitting launch file.
+    """
+    override = job.override
+    if override.node:  # a node that the teacher names is started without a launch file
+        return []
+    # before the build, launch files find the packages by their sources
+    sources = (folders.root / "src", *public_folders.packages.values())
+    unbuilt = replace(underlay, packages=(*underlay.packages, *sources))
+    files = read_launch_files(
+        contents, packages, folders, public_folders, _with_robot_packages(facts, unbuilt), override,
+        facts.robot_packages,
+    )  # fmt: skip
+    if override.launch:  # only the launch file that the teacher names was read
+        return files
+    # `prepare_hand_in` has set the number of the exercise, so 0 never occurs
+    return choose_launch_files(files, override.exercise or 0, facts)
+
+
+def _launchable_of(launch: Optional[LaunchFile], override: Override) -> Launchable:
+    """Return what is started: the launch file, or, if it is None, the node that the teacher names."""
+    if launch is None:
+        package, node = (override.node or "").split()  # `or ""` tells mypy that there is a node
+        return Launchable("node", package, node, override.arguments)
+    # the result shows the path that the student knows, and not the path of the copy on this machine
+    title = " ".join([str(launch.place), *override.arguments])
+    return Launchable("launch", launch.package, str(launch.path), override.arguments, title)
 
 
 def _note_on_equal_launch_files(places: Sequence[str]) -> str:
