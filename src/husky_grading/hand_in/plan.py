@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from dataclasses import replace
 from pathlib import Path
-from typing import Dict, List, Optional, Sequence
+from typing import List, Optional, Sequence
 
 from husky_grading.hand_in.packages import NotMarkableError, read_manifest
 from husky_grading.isolation.files import create
@@ -112,32 +112,44 @@ def plans(
     create(events_file).close()  # an empty file replaces an earlier file, or a link of the submission
     # `problem` is used if the events in the file give no reason for a failure
     problem = _write_events(launchables, workspace, events_file, robot_packages)
-    # events of each launchable, by its number
-    events: Dict[int, List[Event]] = {number: [] for number in range(len(launchables))}
-    number = -1
-    for event in read_events(events_file):
-        if event.event == "launchable":  # the following events belong to the next launch file or node
+    events = _events_by_launchable(read_events(events_file), len(launchables))
+    return [_plan_by_events(own_events, workspace, problem) for own_events in events]
+
+
+def _events_by_launchable(events: Sequence[Event], count: int) -> List[List[Event]]:
+    """Return the events of each of `count` launchables; an event "launchable" begins the events of each one.
+
+    A submission can write any events. So events before the first launchable, and events of launchables beyond
+    `count`, are left out.
+    """
+    by_launchable: List[List[Event]] = [[] for _ in range(count)]
+    number = -1  # number of the launchable to which the event belongs; -1 before the first one
+    for event in events:
+        if event.event == "launchable":
             number += 1
-        if number in events:  # the number is checked, because a submission can write any events
-            events[number].append(event)
-    planned = []
-    for own_events in events.values():
-        # the event "plan" has the nodes; there is no such event if the launch file cannot be loaded
-        read_plan = next((event.plan for event in own_events if event.plan), None)
-        notes = notes_on(own_events, output="")
-        if read_plan is None:
-            notes = notes or [Note(Kind.LAUNCH_FILE, f"the launch file cannot be read: {problem}")]
-        elif not read_plan.nodes:
-            notes.append(Note(Kind.NO_NODE, "it starts no node of its own"))
-        planned.append(
-            replace(
-                read_plan or Plan(),
-                is_read=read_plan is not None,
-                package_path=package_path(own_events, workspace),
-                notes=tuple(notes),
-            )
-        )
-    return planned
+        if 0 <= number < count:
+            by_launchable[number].append(event)
+    return by_launchable
+
+
+def _plan_by_events(events: Sequence[Event], workspace: Workspace, problem: str) -> Plan:
+    """Return the plan of a launchable, with notes on its faults, by the events that were written for it.
+
+    `problem` becomes the note if the events have no plan and give no reason for this.
+    """
+    # the event "plan" has the nodes; there is no such event if the launch file cannot be loaded
+    read_plan = next((event.plan for event in events if event.plan), None)
+    notes = notes_on(events, output="")
+    if read_plan is None:
+        notes = notes or [Note(Kind.LAUNCH_FILE, f"the launch file cannot be read: {problem}")]
+    elif not read_plan.nodes:
+        notes.append(Note(Kind.NO_NODE, "it starts no node of its own"))
+    return replace(
+        read_plan or Plan(),
+        is_read=read_plan is not None,
+        package_path=package_path(events, workspace),
+        notes=tuple(notes),
+    )
 
 
 def _write_events(
