@@ -136,25 +136,32 @@ def _make_with_stand_ins(
     the student has not noticed this. Any other missing package is not installed here, and gets a stand-in: an
     empty package of this name, with which code that uses nothing of the package builds.
     """
-    missing: Set[str] = set()
+    handed_in = set(folders.packages)
+    missing: Set[str] = set()  # packages that got a stand-in
     outcome = BuildOutcome("", None)
     for _ in range(MAX_BUILDS):
         outcome = _catkin_make(folders, needed, underlay, repair="")
         not_found = missing_packages(outcome.output)
-        forgotten = not_found & set(folders.packages) - needed  # handed in, but not built yet
-        # packages that CMake did not find, without those that already have a stand-in or are handed in
-        unknown = not_found - missing - set(folders.packages)
-        # all builds together replace at most MAX_STAND_INS missing packages
+        # packages that are handed in, but not built yet
+        forgotten = (not_found & handed_in) - needed
+        # packages that are not installed, and have no stand-in yet
+        unknown = not_found - handed_in - missing
+        # the stand-ins of all builds together are at most MAX_STAND_INS
         new = sorted(unknown)[: MAX_STAND_INS - len(missing)]
         if not outcome.code or not (new or forgotten):
             break  # the build has succeeded, has taken too long, or fails for another reason
         needed |= forgotten
         missing |= set(new)
         for name in new:
-            place = folders.stand_ins / "share" / name / "cmake"
-            place.mkdir(parents=True, exist_ok=True)
-            write_whole(place / f"{name}Config.cmake", _STAND_IN.format(name=name))
+            _write_stand_in(folders, name)
     return outcome, missing, needed
+
+
+def _write_stand_in(folders: Folders, name: str) -> None:
+    """Write an empty CMake package in place of a missing one."""
+    place = folders.stand_ins / "share" / name / "cmake"
+    place.mkdir(parents=True, exist_ok=True)
+    write_whole(place / f"{name}Config.cmake", _STAND_IN.format(name=name))
 
 
 def _make_again_if_repairable(

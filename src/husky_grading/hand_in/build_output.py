@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
-from typing import Optional, Set
+from typing import Optional, Sequence, Set
 
 from husky_grading.hand_in.dependencies import debian_packages
 
@@ -61,6 +61,34 @@ def missing_return(output: str, root: Path) -> Optional[str]:
     return f"{warning['where']}: {warning['what']}" if warning else None
 
 
+def _compiler_error(output: str) -> str:
+    """Return the compiler's first error in the output of a build; empty if there is none.
+
+    If a header of a ROS package is missing that apt has, the text ends with the command that installs it.
+    """
+    match = _ERROR.search(output)
+    if not match:
+        return ""
+    error = f"{match['where']}: {match['what']}"[:300]
+    # a missing header such as `tf2/utils.h` belongs to the ROS package tf2, which apt may have
+    missing_header = re.match(r"([\w-]+)/[\w./-]+: No such file", match["what"])
+    if missing_header:
+        package = missing_header.group(1)
+        debian = debian_packages([package])
+        if package in debian:
+            return f"{error} (apt install {debian[package]})"
+    return error
+
+
+def _traceback_place(lines: Sequence[str]) -> str:
+    """Return file and line of a Python error, such as "setup.py:3: "; empty if there is no traceback."""
+    entries = [entry for entry in map(_TRACEBACK.search, lines) if entry]
+    if not entries:
+        return ""
+    last = entries[-1]  # the last entry of a traceback is the place of the error
+    return f"{last['file']}:{last['line']}: "
+
+
 def build_error(output: str, root: Path) -> str:
     """Return the reason for a failed build, for the student: the compiler's first error, if there is one.
 
@@ -68,26 +96,15 @@ def build_error(output: str, root: Path) -> str:
     """
     # the student knows only paths inside the submission
     output = output.replace(f"{root}/src/", "").replace(f"{root}/", "")
-    match = _ERROR.search(output)
-    if match:
-        error = f"{match['where']}: {match['what']}"[:300]
-        # a missing header such as `tf2/utils.h` belongs to the ROS package tf2, which apt may have
-        missing_header = re.match(r"([\w-]+)/[\w./-]+: No such file", match["what"])
-        if missing_header:
-            package = missing_header.group(1)
-            debian = debian_packages([package])
-            if package in debian:
-                return f"{error} (apt install {debian[package]})"
-        return error
+    compiler_error = _compiler_error(output)
+    if compiler_error:
+        return compiler_error
     lines = [line.strip() for line in output.splitlines() if line.strip()]
     for number, line in enumerate(lines):
         # This line of CMake reports that a program of the build has failed. The line before it is the last
-        # output of the program, and gives the cause. A Python traceback gives file and line.
+        # output of the program, and gives the cause.
         if number and _PROGRAM_FAILED.search(line):
-            entries = [entry for entry in map(_TRACEBACK.search, lines[:number]) if entry]
-            # the last entry of a traceback is the place of the error
-            place = f"{entries[-1]['file']}:{entries[-1]['line']}: " if entries else ""
-            return f"{place}{lines[number - 1]}"[:300]
+            return f"{_traceback_place(lines[:number])}{lines[number - 1]}"[:300]
     # patterns of lines with errors, the most informative pattern first
     for pattern in (r"^CMake Error", r"undefined reference", r"\bError\b|error"):
         for number, line in enumerate(lines):
