@@ -64,11 +64,14 @@ def _config_in_package(
 ) -> Optional[RvizConfig]:
     """Return the best configuration in a package's .rviz files; None if no file counts.
 
-    The best configuration displays most of frames, robot model and scan. A file that another launch file
-    names belongs to that launch file and does not count. But if `launch_file` starts RViz and the package has
-    only one .rviz file, this file counts, unless the other launch file plays recordings (rosbag).
+    The best configuration displays most of frames, robot model and scan. For a node, all files count. For a
+    launch file, these files count:
 
-    `launch_file` is the name of the launch file that is started; empty for a node, for which all files count.
+    - A file counts if no other launch file names it.
+    - The only .rviz file of a package counts even if another launch file names it, provided that the started
+      launch file starts RViz and the other launch file does not play recordings (rosbag).
+
+    `launch_file` is the name of the launch file that is started; empty for a node.
     """
     folder = planned.package_path
     if not folder:
@@ -170,10 +173,12 @@ def _owners_of_configs(folder: Path, launch_file: str, starts_rviz: bool) -> Dic
         packages_of_nodes = set(_NODE.findall(text))
         # the folder of the package has the name of the package
         is_only_for_rviz = "rosbag" not in packages_of_nodes and folder.name not in packages_of_nodes
-        is_started_too = is_only_for_rviz and not starts_rviz
-        if path.name != launch_file and not is_started_too:
-            for name in re.findall(r"([\w.-]{1,200}\.rviz)\b", text):
-                owners[name] = path
+        if path.name == launch_file:
+            continue
+        if is_only_for_rviz and not starts_rviz:
+            continue  # the student starts this launch file, too, to see RViz
+        for name in re.findall(r"([\w.-]{1,200}\.rviz)\b", text):
+            owners[name] = path
     return owners
 
 
