@@ -161,6 +161,26 @@ def _used_of_sandbox(folder: str) -> int:
     return (status.f_blocks - status.f_bfree) * status.f_frsize if is_of_sandbox else 0
 
 
+def _enter_ipc_namespace(processes: Sequence[psutil.Process]) -> bool:
+    """Let the calling thread enter the IPC namespace of the first of the processes that is in a sandbox.
+
+    Returns:
+        Whether the thread is in the IPC namespace of a sandbox, now or since an earlier call.
+    """
+    our_namespace = os.readlink("/proc/self/ns/ipc")  # IPC namespace of this program
+    if os.readlink("/proc/thread-self/ns/ipc") != our_namespace:
+        return True  # the thread has entered the namespace at an earlier call
+    for process in processes:
+        namespace = f"/proc/{process.pid}/ns/ipc"
+        with contextlib.suppress(OSError):  # an OSError means that the process has ended
+            if os.readlink(namespace) != our_namespace:
+                with open(namespace) as file:
+                    ctypes.CDLL(None).setns(file.fileno(), CLONE_NEWIPC)
+                if os.readlink("/proc/thread-self/ns/ipc") != our_namespace:
+                    return True
+    return False
+
+
 def detached_segments(processes: Sequence[psutil.Process]) -> int:
     """Return the size of a sandbox's System V shared memory to which no process is attached any more [bytes].
 
@@ -169,21 +189,7 @@ def detached_segments(processes: Sequence[psutil.Process]) -> int:
     Only a thread inside the sandbox's IPC namespace sees this memory. So the calling thread enters the
     namespace, and stays there. Call this function only in the thread of a `SizeWatch`.
     """
-    # IPC namespaces of this program and of the calling thread; they differ if the thread has entered a
-    # sandbox before
-    our_namespace = os.readlink("/proc/self/ns/ipc")
-    thread_namespace = os.readlink("/proc/thread-self/ns/ipc")
-    # enter the namespace of the first process that is in a sandbox
-    for process in processes:
-        if thread_namespace != our_namespace:
-            break  # the thread has entered it, now or at an earlier call
-        namespace = f"/proc/{process.pid}/ns/ipc"
-        with contextlib.suppress(OSError):  # an OSError means that the process has ended
-            if os.readlink(namespace) != our_namespace:
-                with open(namespace) as file:
-                    ctypes.CDLL(None).setns(file.fileno(), CLONE_NEWIPC)
-                thread_namespace = os.readlink("/proc/thread-self/ns/ipc")
-    if thread_namespace == our_namespace:
+    if not _enter_ipc_namespace(processes):
         return 0  # none of the processes is in a sandbox
     _titles, *lines = Path("/proc/sysvipc/shm").read_text().splitlines()
     rows = [line.split() for line in lines]

@@ -17,7 +17,7 @@ import os
 import signal
 import subprocess
 import sys
-from typing import List
+from typing import List, Optional
 
 import psutil
 
@@ -59,27 +59,44 @@ def run_and_reap(parent: int, command: List[str]) -> int:
         return STOPPED  # the parent ended before prctl was called, so no signal will report its end
     child = subprocess.Popen(command, preexec_fn=lambda: signal.pthread_sigmask(signal.SIG_SETMASK, old_mask))
     while True:
-        number = signal.sigwait(SIGNALS)
-        if number not in (signal.SIGCHLD, signal.SIGTERM):
-            # the pid belongs to the child until waitpid is called, even if the child has ended, so the signal
-            # reaches no other program
-            os.kill(child.pid, number)
-            # A flood of signals would keep the command from running. It would also hide the command's end,
-            # because sigwait returns SIGINT before SIGCHLD. So a pause follows each signal; only SIGCHLD or
-            # SIGTERM ends the pause early.
-            arrived = signal.sigtimedwait({signal.SIGCHLD, signal.SIGTERM}, POLL_PERIOD)
-            if arrived is None:
-                continue
-            number = arrived.si_signo
+        received = signal.sigwait(SIGNALS)
+        # SIGCHLD and SIGTERM are for this program, and the other signals are for the command
+        is_for_command = received not in (signal.SIGCHLD, signal.SIGTERM)
+        number = forward(received, child.pid) if is_for_command else received
         if number == signal.SIGTERM:
             return STOPPED
-        # One SIGCHLD may report the end of several processes, so the loop asks until no ended process is
-        # left.
+        if number == signal.SIGCHLD:
+            code = reap(child.pid)
+            if code is not None:
+                return code
+
+
+def forward(number: int, pid: int) -> Optional[int]:
+    """Send a signal to the command, pause for POLL_PERIOD, and return the signal that ended the pause early.
+
+    Only SIGCHLD or SIGTERM ends the pause early. Otherwise None is returned.
+
+    Without the pause, a flood of signals would keep the command from running. It would also hide the
+    command's end, because sigwait returns SIGINT before SIGCHLD.
+    """
+    # the pid belongs to the child until waitpid is called, even if the child has ended, so the signal
+    # reaches no other program
+    os.kill(pid, number)
+    arrived = signal.sigtimedwait({signal.SIGCHLD, signal.SIGTERM}, POLL_PERIOD)
+    return None if arrived is None else arrived.si_signo
+
+
+def reap(command_pid: int) -> Optional[int]:
+    """Take the ended child processes, and return the exit code of the command; None if it still runs.
+
+    One SIGCHLD may report the end of several processes, so the loop asks until no ended process is left.
+    """
+    pid, status = os.waitpid(-1, os.WNOHANG)
+    while pid:
+        if pid == command_pid:  # other pids are of orphans
+            return os.WEXITSTATUS(status) if os.WIFEXITED(status) else 128 + os.WTERMSIG(status)
         pid, status = os.waitpid(-1, os.WNOHANG)
-        while pid:
-            if pid == child.pid:  # other pids are of orphans
-                return os.WEXITSTATUS(status) if os.WIFEXITED(status) else 128 + os.WTERMSIG(status)
-            pid, status = os.waitpid(-1, os.WNOHANG)
+    return None
 
 
 def main() -> None:

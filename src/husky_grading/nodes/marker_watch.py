@@ -273,8 +273,9 @@ class MarkerWatch:
             # TF raises a ValueError if the name of the frame contains a NUL character. The student only gets
             # the first sentence of an error.
             return replace(sample, problem=str(error).split(". ")[0].strip())
-        # row of the first true pose that is not earlier than `moment`; 1e-6 is a tolerance for rounding
-        row = min(int(np.searchsorted(times, moment - 1e-6)), len(times) - 1)
+        # row of the first true pose that is not earlier than `moment`; 1e-6 s is a tolerance for rounding
+        row = int(np.searchsorted(times, moment - 1e-6))
+        row = min(row, len(times) - 1)  # a marker after the last pose gets the last pose
         # pose of the marker in the world, composed of three poses: base_link in the world, the marker's frame
         # in base_link, and the marker in its frame
         pose = compose(compose(poses[row], frame_in_base), _pose(marker))
