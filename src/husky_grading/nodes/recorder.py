@@ -287,21 +287,28 @@ class DriveRecorder:
             if set(nodes) - self._our_nodes:  # a node of the submission publishes on the topic
                 self._markers.follow(topic, self._types.get(topic, ""))
                 self._follow(topic, self._types.get(topic, ""))
+        self._keep_used_topics(publishers, subscribers)
+        self._check_for_violations(publishers, subscribers)
+        self._services = tuple(name for name, nodes in services if set(nodes) - self._our_nodes)
+        self._join()
+
+    def _keep_used_topics(self, publishers: Dict[str, List[str]], subscribers: Dict[str, List[str]]) -> None:
+        """Keep whether the submission subscribes and sends commands, and its silent and unread topics.
+
+        A subscription or a publisher that was seen once counts until the end, because a node may end during
+        the run. For unread topics only the latest look counts, because a subscriber may come after the
+        publisher.
+        """
         # nodes that subscribe to the topic that the exercise needs; in most exercises, this is the topic of
         # the scans
         listeners: Set[str] = set(subscribers.get(self._watch.input_topic, ()))
-        # each of these facts stays true once it was seen, because a node may end during the run
         self._subscribed = self._subscribed or bool(listeners - self._our_nodes)
-        self._silent.update(publishers, subscribers, self._our_nodes)
-        # for unread topics only the latest look counts, because a subscriber may come after the publisher
-        self._unread = unread_topics(publishers, subscribers, self._types, self._our_nodes)
-        self._check_for_violations(publishers, subscribers)
-        self._services = tuple(name for name, nodes in services if set(nodes) - self._our_nodes)
         self._listens = self._listens or listens(subscribers, self._our_nodes)
         for name in VELOCITY_TOPICS:
             nodes = publishers.get(rospy.resolve_name(name), ())
             self._advertises = self._advertises or bool(set(nodes) - self._our_nodes)
-        self._join()
+        self._silent.update(publishers, subscribers, self._our_nodes)
+        self._unread = unread_topics(publishers, subscribers, self._types, self._our_nodes)
 
     def _check_for_violations(
         self, publishers: Dict[str, List[str]], subscribers: Dict[str, List[str]]
