@@ -251,11 +251,13 @@ def load_launchable(
         launchable: `--launch PACKAGE FILE [ARGUMENTS]` or `--node PACKAGE TYPE [ARGUMENTS]`.
             FILE is a name in the package, or an absolute path.
         reporter: writes events.
-        ours: names and paths from our package, which this program cannot import. `nodes` has the names of the
-            simulator's nodes, `rviz` the names of the RViz nodes in our launch files, and `files` the launch
-            files that start the simulator. `places` has the paths of our package.xml and of the folders of
-            our programs; it is empty if our nodes may start. `by_submission` has packages of ROS whose nodes
-            the submission starts, and `by_marking` packages whose nodes `grade` starts itself.
+        ours: names and paths from our package, which this program cannot import, by these keys:
+            `nodes`: names of the simulator's nodes.
+            `rviz`: names of the RViz nodes in our launch files.
+            `files`: launch files that start the simulator.
+            `places`: paths of our package.xml and of our programs' folders; empty if our nodes may start.
+            `by_submission`: packages of ROS whose nodes the submission starts.
+            `by_marking`: packages whose nodes `grade` starts itself.
     """
     loader = TolerantLoader(reporter, ours["files"])
     config = read_launchable(launchable, reporter, loader)
@@ -319,6 +321,22 @@ class SortedNodes(NamedTuple):
     left_out_arguments: List[List[str]]
 
 
+def is_left_to_marking(node: Any, ours: Dict[str, List[str]]) -> bool:
+    """Return whether a node is left out because marking starts it itself, or because it needs a user.
+
+    For `ours`, see `sort_nodes`.
+    """
+    # in exercise 4, the submission itself starts a node of such a package, the filter
+    left_out = SIMULATION - set(ours["by_submission"])
+    return (
+        node.package in left_out
+        or node.package in ours["by_marking"]
+        or node.package.startswith("rqt")  # a program with a window
+        # ROS would end the simulator's node if another node with the same name started
+        or node.namespace + node.name in ours["nodes"]
+    )
+
+
 def sort_nodes(nodes: List[Any], reporter: Reporter, ours: Dict[str, List[str]]) -> SortedNodes:
     """Sort the nodes of a launch file into the submission's nodes, RViz, and nodes that are not started.
 
@@ -333,9 +351,6 @@ def sort_nodes(nodes: List[Any], reporter: Reporter, ours: Dict[str, List[str]])
             nodes of our launch files. `nodes` are nodes of the simulator. `places` are folders with our
             programs.
     """
-    # Packages of the simulator or robot, whose nodes are not started. In exercise 4, the submission starts
-    # a node of such a package, and `grade` starts a node of one more package.
-    leave_out = (SIMULATION - set(ours["by_submission"])) | set(ours["by_marking"])
     # true if the submission starts an RViz that does not come from our launch files
     has_own_rviz = any(node.package == "rviz" and node.name not in ours["rviz"] for node in nodes)
     result = SortedNodes(to_start=[], rviz=[], left_out=[], left_out_arguments=[])
@@ -347,12 +362,7 @@ def sort_nodes(nodes: List[Any], reporter: Reporter, ours: Dict[str, List[str]])
         if node.package == "rviz":
             remaps = [list(remap) for remap in node.remap_args]
             result.rviz.append({"name": node.name, "args": node.args, "remap": remaps})
-        elif (
-            node.package in leave_out
-            or node.package.startswith("rqt")  # a program with a window
-            # ROS would end the simulator's node if another node with the same name started
-            or node.namespace + node.name in ours["nodes"]
-        ):
+        elif is_left_to_marking(node, ours):
             result.left_out.append(f"{node.package}/{node.type}")
             result.left_out_arguments.append([f"{node.package}/{node.type}", node.args or ""])
         # a node of the grading package itself, which is not part of any submission
