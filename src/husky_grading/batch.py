@@ -104,6 +104,44 @@ def mark_all(config: MarkingConfig, batch: Batch) -> List[MarkingResult]:
     Raises:
         HuskyError: there is no submission, marking.yaml is wrong, or marking was interrupted.
     """
+    hand_ins = _find_submissions(batch)
+    names = [each.name for each in hand_ins]
+    overrides = _teachers_overrides(batch.folder, names)  # settings from marking.yaml, by student
+    batch.out.mkdir(parents=True, exist_ok=True)
+    # catkin ignores a folder with this file; otherwise, a catkin workspace around the folder would build the
+    # submissions' packages
+    (batch.out / "CATKIN_IGNORE").touch()
+    # results that are already known, and jobs of the submissions that must be marked now
+    results, waiting = _look_up_results(hand_ins, overrides, config, batch)
+    number_in_parallel = batch.jobs
+    # without a private network, two submissions could disturb each other's ROS nodes, so only one runs at a
+    # time
+    if number_in_parallel > 1 and not private_network.can_be_made():
+        number_in_parallel = 1
+        print("grading one submission at a time because network namespaces are unavailable", file=sys.stderr)
+    try:
+        with Workers(number_in_parallel, batch.cluster) as workers:
+            new_results = _mark_jobs(waiting, workers, elsewhere=bool(batch.cluster))
+            for number, result in enumerate(new_results, 1):
+                results[result.name] = result
+                _report_progress(result, number, len(waiting))
+    except (StoppedError, KeyboardInterrupt):
+        raise HuskyError("stopped; run the same command again to continue") from None
+    # With `--only`, the submissions that it does not name may have no result yet. They get no row in the
+    # tables.
+    ordered = [results[name] for name in names if name in results]
+    result_folders = {each.name: each.folder for each in hand_ins}  # names of the folders, by student
+    write_class(ordered, result_folders, batch.out)
+    _print_class(ordered, batch.out)
+    return ordered
+
+
+def _find_submissions(batch: Batch) -> List[HandIn]:
+    """Return the submissions of a class, and print the names of the entries that are not submissions.
+
+    Raises:
+        HuskyError: there is no submission, or `batch.only` names an unknown one.
+    """
     # the folder of results may lie in the folder of the class; it is not a submission, so it is left out
     hand_ins = [each for each in find_hand_ins(batch.folder) if each.path.resolve() != batch.out]
     names = [each.name for each in hand_ins]
@@ -118,34 +156,7 @@ def mark_all(config: MarkingConfig, batch: Batch) -> List[MarkingResult]:
             raise HuskyError(
                 f"--only {name} is not a submission in {batch.folder}; there are: {', '.join(names)}"
             )
-    overrides = _teachers_overrides(batch.folder, names)  # settings from marking.yaml, by student
-    batch.out.mkdir(parents=True, exist_ok=True)
-    # catkin ignores a folder with this file; otherwise, a catkin workspace around the folder would build the
-    # submissions' packages
-    (batch.out / "CATKIN_IGNORE").touch()
-    # results that are already known, and jobs of the submissions that must be marked now
-    results, waiting = _look_up_results(hand_ins, overrides, config, batch)
-    jobs = batch.jobs
-    # without a private network, two submissions could disturb each other's ROS nodes, so only one runs at a
-    # time
-    if jobs > 1 and not private_network.can_be_made():
-        jobs = 1
-        print("grading one submission at a time because network namespaces are unavailable", file=sys.stderr)
-    try:
-        with Workers(jobs, batch.cluster) as workers:
-            new_results = _mark_jobs(waiting, workers, elsewhere=bool(batch.cluster))
-            for number, result in enumerate(new_results, 1):
-                results[result.name] = result
-                _report_progress(result, number, len(waiting))
-    except (StoppedError, KeyboardInterrupt):
-        raise HuskyError("stopped; run the same command again to continue") from None
-    # With `--only`, the submissions that it does not name may have no result yet. They get no row in the
-    # tables.
-    ordered = [results[name] for name in names if name in results]
-    result_folders = {each.name: each.folder for each in hand_ins}  # names of the folders, by student
-    write_class(ordered, result_folders, batch.out)
-    _print_class(ordered, batch.out)
-    return ordered
+    return hand_ins
 
 
 def _print_class(results: Sequence[MarkingResult], out: Path) -> None:
@@ -163,7 +174,9 @@ def _look_up_results(
 ) -> Tuple[Dict[str, MarkingResult], List[Job]]:
     """Return the results that need no run, by the student's name, and the jobs of all other submissions.
 
-    If `batch.only` names submissions, only these have jobs, and other submissions may have no result.
+    If `batch.only` names submissions, only these have jobs, and other submissions may have no result. The
+    workspace.json of these submissions is removed, and so is the folder of results of a student with two
+    entries.
 
     Raises:
         PointsError: points in marking.yaml do not fit the rubric.
@@ -182,15 +195,15 @@ def _look_up_results(
             remove_tree(Path(job.out))
             results[job.name] = unmarked(job, hand_in.problem)
             continue
-        kept_result = None
         if job.name in batch.only:
             # the teacher wants a new result; without this file, the submission is also built again
             Path(job.out, WORKSPACE).unlink(missing_ok=True)
-        else:
-            kept_result = _kept_result(job)
+            waiting.append(job)
+            continue
+        kept_result = _kept_result(job)
         if kept_result is not None:
             results[job.name] = kept_result
-        elif not batch.only or job.name in batch.only:
+        elif not batch.only:
             waiting.append(job)
     return results, waiting
 
@@ -352,26 +365,41 @@ def _must_judge_again(job: Job) -> bool:
 def _mark_jobs(jobs: Sequence[Job], workers: Workers, elsewhere: bool) -> Iterator[MarkingResult]:
     """Mark submissions by workers, with a progress bar, and yield each result as soon as it comes.
 
-    If the workers are `elsewhere`, on other machines, a submission's files are sent to a worker, and the
-    files of the result are sent back.
+    Args:
+        jobs: jobs of the submissions.
+        workers: processes that do the jobs.
+        elsewhere: true if the workers are on other machines.
     """
     title = f"submissions ({len(jobs)} to grade)"  # text of the progress bar
-    if not elsewhere:
-        # each worker calls `run_program` for one job; after an exception, `_failed` makes the result
-        for _, result in workers.as_completed(
-            run_program, list(jobs), title, starts_programs=True, on_error=_failed
-        ):
-            yield result
+    if elsewhere:
+        yield from _mark_elsewhere(jobs, workers, title)
         return
+    # each worker calls `run_program` for one job; after an exception, `_failed` makes the result
+    for _, result in workers.as_completed(
+        run_program, list(jobs), title, starts_programs=True, on_error=_failed
+    ):
+        yield result
 
-    def failed(packed: Tuple[Job, PackedPath], error: Exception) -> Files:
-        """Return the files that take the place of a worker's files if its job failed."""
-        return {RESULT: to_json(_failed(packed[0], error)).encode()}
+
+def _mark_elsewhere(jobs: Sequence[Job], workers: Workers, title: str) -> Iterator[MarkingResult]:
+    """Mark submissions on other machines, and yield each result after its files were written here.
+
+    A submission's files are sent to a worker, and the files of the result are sent back. `title` is the text
+    of the progress bar.
+    """
+
+    def files_of_failed(packed: Tuple[Job, PackedPath], error: Exception) -> Files:
+        """Return a result's files for a job that a worker could not do: only result.json, with the error."""
+        job, _ = packed
+        return {RESULT: to_json(_failed(job, error)).encode()}
 
     # a `PackedPath` reads a submission's files only when it is sent to a worker, so the files of all
     # submissions are never in memory at the same time
     packed = [(job, PackedPath(Path(job.hand_in))) for job in jobs]
-    for index, files in workers.as_completed(run_there, packed, title, starts_programs=True, on_error=failed):
+    # each worker calls `run_there` for one job
+    for index, files in workers.as_completed(
+        run_there, packed, title, starts_programs=True, on_error=files_of_failed
+    ):
         try:
             yield write_outputs(files, jobs[index])
         except Exception as error:  # an error such as a full disk of this machine
@@ -425,23 +453,32 @@ def run_program(job: Job, shows_errors: bool = False) -> MarkingResult:
         # after success, `mark` in the marking program has written the result, and its fingerprint if the
         # result may be kept
         return load_result(out / RESULT)
-    except HuskyError:
+    except HuskyError:  # the program has left no result
+        pass
+    if in_time:
         # last 500 characters of the log; with `shows_errors` the log is empty, because the errors are on the
         # terminal, above this sentence
         output = " ".join(process.output.split())[-500:] or "its errors are above"
         problem = f"the grader failed on {platform.node()} (exit code {process.popen.returncode}): {output}"
-        if not in_time:
-            problem = f"it was not graded within {deadline:g} s; --time-limit sets this limit"
-            # The next call with this time limit finds the fingerprint, and keeps this result. With
-            # workspace.json, it would judge the stored runs again if the rules have changed, although these
-            # runs are incomplete. So workspace.json is removed.
-            (out / WORKSPACE).unlink(missing_ok=True)
-            write_whole(out / FINGERPRINT, _fingerprint_of_timeout(job))
-        # if the grader has crashed instead, there is no fingerprint, so the next call marks the submission
-        # again; workspace.json is then kept, because with it the submission is not built again
-        result = unmarked(job, problem)
-        write_result(result, out)
-        return result
+        # There is no fingerprint, so the next call marks the submission again. But workspace.json stays, so
+        # the submission is not built again.
+    else:
+        problem = f"it was not graded within {deadline:g} s; --time-limit sets this limit"
+        _keep_result_of_timeout(job)
+    result = unmarked(job, problem)
+    write_result(result, out)
+    return result
+
+
+def _keep_result_of_timeout(job: Job) -> None:
+    """Let the next call with this time limit keep the result that a submission was not graded in time.
+
+    The next call keeps a result with a fingerprint. But with workspace.json, it would judge the stored runs
+    again if the rules have changed. These runs are incomplete, so workspace.json is removed.
+    """
+    out = Path(job.out)
+    (out / WORKSPACE).unlink(missing_ok=True)
+    write_whole(out / FINGERPRINT, _fingerprint_of_timeout(job))
 
 
 def _deadline(job: Job) -> float:
