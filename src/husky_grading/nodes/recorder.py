@@ -11,7 +11,7 @@ from functools import partial
 from math import inf
 from multiprocessing.connection import Connection
 from pathlib import Path
-from typing import Any, Dict, List, Optional, Set, Tuple
+from typing import Any, Dict, List, Optional, Sequence, Set, Tuple
 
 import numpy as np
 import rosgraph
@@ -76,7 +76,11 @@ class DriveRecorder:
     """Node whose callbacks record a run, while `run` waits for the end and sends the recording."""
 
     def __init__(self, channel: Connection) -> None:
-        """Wait for the assignment, which is the first message of marking on the channel."""
+        """Wait for the assignment, prepare an empty recording, and send Ready on the channel to marking.
+
+        The assignment is the first message of marking on the channel. From now on, the recorder receives the
+        submission's commands, the simulator's true states, and further messages of marking.
+        """
         self._channel, self._channel_lock = channel, threading.Lock()  # several threads send
         self._task: Assignment = channel.recv()
         self._initial = self._task.recording  # recording with the facts that are known before the run
@@ -396,10 +400,7 @@ class DriveRecorder:
                 return
             self._handed_over = True
             states = list(self._truth)  # a copy, because another thread may append further states
-        rows = [(each.stamp, *pose_to_2d(each.pose_in_world), each.speed, each.yaw_rate) for each in states]
-        table = np.array(rows).reshape(-1, 6)  # `reshape` gives the table six columns even if it has no rows
-        # columns: stamp [s], then x, y [m] and yaw [rad], then speed [m/s] and yaw rate [rad/s]
-        times, poses, speeds = table[:, 0], table[:, 1:4], table[:, 4:6]
+        times, poses, speeds = _arrays_of(states)
         frames = self._markers.frames
         notes = [*self._markers.notes]
         # unanswered scans are reported only if the submission has sent commands at all
@@ -435,6 +436,18 @@ class DriveRecorder:
             watched={**self._initial.watched, **self._watch.kept()},
         )
         self._send(recording)
+
+
+def _arrays_of(states: Sequence[TrueState]) -> Tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return times, poses and speeds of N true states of the robot.
+
+    Returns:
+        Times (N,) [s], poses (N, 3) as x, y [m] and yaw [rad], and speeds (N, 2) as speed [m/s] and yaw rate
+        [rad/s].
+    """
+    rows = [(each.stamp, *pose_to_2d(each.pose_in_world), each.speed, each.yaw_rate) for each in states]
+    table = np.array(rows).reshape(-1, 6)  # `reshape` gives the table six columns even if it has no rows
+    return table[:, 0], table[:, 1:4], table[:, 4:6]
 
 
 def main(channel: Connection) -> None:
