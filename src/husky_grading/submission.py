@@ -91,7 +91,7 @@ class Submission:
     equals: Tuple[str, ...] = ()
     # packages of ROS whose nodes the exercise uses; `workspace.json` has them under this name
     parts: RobotPackages = field(default_factory=RobotPackages)
-    # results of the exercise's function `facts`, by name
+    # values for the rubric from the submission's files, by name: the result of the exercise's `read_facts`
     facts: Mapping[str, Any] = field(default_factory=dict)
     made_of: str = ""  # hash of the files and settings from which the submission was prepared
 

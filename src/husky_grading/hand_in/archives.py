@@ -196,8 +196,8 @@ def _copy(content: IO[bytes], target: Path, allowance: Allowance, archive: Path)
             if size > MAX_FILE:
                 target.unlink()
                 return False
-            if size > allowance.size:  # the error is raised below, when the file is closed
-                break
+            if size > allowance.size:
+                break  # below, `allowance.size` becomes negative, and the error is raised
             file.write(chunk)
     allowance.size -= size
     if allowance.files < 0 or allowance.size < 0:

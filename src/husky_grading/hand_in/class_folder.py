@@ -99,14 +99,8 @@ def _shown_names(entries: Sequence[str]) -> Dict[str, str]:
     If two entries would get the same name, the second one gets escapes in place of its umlauts.
     """
     names: Dict[str, str] = {}
-    as_shown = {}  # printable text of each entry; two entries may have the same text
-    for entry in entries:
-        shown = ""
-        for character in _decoded(entry):
-            # a character that cannot be printed, such as a line feed, is replaced by an escape such as \n
-            is_printable = character.isprintable()
-            shown += character if is_printable else character.encode("unicode_escape").decode()
-        as_shown[entry] = shown
+    # printable text of each entry; two entries may have the same text
+    as_shown = {entry: _printable(_decoded(entry)) for entry in entries}
     # entries whose names are shown unchanged come first, so they keep their names if another name would look
     # the same
     for entry in sorted(entries, key=lambda each: (as_shown[each] != each, each)):
@@ -119,6 +113,14 @@ def _shown_names(entries: Sequence[str]) -> Dict[str, str]:
             name = f"{name}~{_digest(entry)}"
         names[entry] = name
     return names
+
+
+def _printable(text: str) -> str:
+    r"""Return a text with an escape such as \n in place of each character that cannot be printed."""
+    return "".join(
+        character if character.isprintable() else character.encode("unicode_escape").decode()
+        for character in text
+    )
 
 
 def _decoded(entry: str) -> str:

@@ -104,8 +104,7 @@ def _copy_package(package: Package, target: Path, room: int) -> _CopiedPackage:
     # full size
     sizes = {path: path.stat().st_size for path in walk(package.path, BUILT)}
     for path, size in sorted(sizes.items(), key=lambda entry: entry[1]):
-        # a file is left out if it is larger than one file may be, or larger than the bytes that are left
-        if size > min(MAX_FILE, room - copied.size):
+        if size > MAX_FILE or size > room - copied.size:
             copied.large.append(path.name)
             continue
         copied = copied._replace(size=copied.size + size)

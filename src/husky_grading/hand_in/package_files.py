@@ -50,7 +50,7 @@ def find_rviz_config(planned: Plan, root: Optional[Path] = None, launch_file: st
         remaps = node.remap
         path = _config_path_in(node.args)
         # a student may have added the file to a copy of a public package, such as husky_gazebo
-        roots = (root, root.with_name(COPIES)) if root else ()
+        roots = (root, root.with_name(COPIES)) if root else ()  # any folder is allowed if there is no root
         was_handed_in = path is not None and (not roots or any(is_below(path, each) for each in roots))
         if path is not None and was_handed_in and is_regular(path):
             return _read_config(f"its rviz node, {path.name}", path, remaps)

@@ -84,13 +84,15 @@ class Workspace:
 
 
 def sandboxed(workspace: Workspace, command: Sequence[str], folder: Path, env: Dict[str, str]) -> List[str]:
-    """Return the command that runs a command in the sandbox, with its workspace sourced there.
+    """Return the command line that runs `command` in the sandbox, with its workspace sourced there.
 
-    The command may write only the existing `folder`; `env` is its environment.
+    `command` may write only the existing `folder`; `env` is its environment.
     """
     kind = kind_of_sandbox()
-    limits = [system_program("prlimit"), f"--fsize={FILE_SIZE}", f"--data={PROCESS_MEMORY}", "--core=0"]
-    limits += [f"--nofile={DESCRIPTORS}"]
+    limits = [
+        system_program("prlimit"), f"--fsize={FILE_SIZE}", f"--data={PROCESS_MEMORY}", "--core=0",
+        f"--nofile={DESCRIPTORS}",
+    ]  # fmt: skip
     if kind != NONE:  # the limit would count all processes of this user if there were no sandbox
         limits.append(f"--nproc={THREADS}")
     # folders that the script removes from PYTHONPATH, so a submission cannot import our package
