@@ -203,8 +203,11 @@ class Publishers:
 
         The stamp of the transforms is `stamp` [s]. If neither is to be sent, nothing is published.
         """
-        if with_wheels or not self.has_other_filter:
-            publish_if_subscribed(self.transforms, self._moving_tree_to_msg, stamp, odometry, with_wheels)
+        with_base = not self.has_other_filter  # read only once, because another thread may set it now
+        if with_base or with_wheels:
+            publish_if_subscribed(
+                self.transforms, self._moving_tree_to_msg, stamp, odometry, with_base, with_wheels
+            )
 
     def leave_filter_to(self, node: str) -> None:
         """Stop publishing the filtered odometry and the transform of odom, because `node` publishes them.
@@ -232,8 +235,9 @@ class Publishers:
         self._transform_connections = connections
         stamp, odometry = self._last_odometry
         with_wheels = self._has_wheels_in_pause(stamp)
-        if with_wheels or not self.has_other_filter:  # otherwise other nodes publish all transforms
-            self._send_to_new(publisher, self._moving_tree_to_msg(stamp, odometry, with_wheels))
+        with_base = not self.has_other_filter  # read only once, because another thread may set it now
+        if with_base or with_wheels:  # otherwise other nodes publish all transforms
+            self._send_to_new(publisher, self._moving_tree_to_msg(stamp, odometry, with_base, with_wheels))
 
     def _has_wheels_in_pause(self, stamp: float) -> bool:
         """Return whether this node sends the transforms of the wheels while simulated time is paused.
@@ -330,14 +334,14 @@ class Publishers:
         )
         self._bumped_bodies.clear()
 
-    def _moving_tree_to_msg(self, stamp: float, odometry: OdometrySample, with_wheels: bool) -> MovingTree:
-        """Return a /tf message: odom -> base_link if no other filter runs, and wheels if `with_wheels`.
+    def _moving_tree_to_msg(
+        self, stamp: float, odometry: OdometrySample, with_base: bool, with_wheels: bool
+    ) -> MovingTree:
+        """Return a /tf message: odom -> base_link if `with_base`, and the wheels if `with_wheels`.
 
-        The caller makes sure that the message has at least one of them. The stamp of the transforms is
-        `stamp` [s]. All are in one message, because each message costs a system call and wakes every
-        subscriber.
+        At least one of the two is true. The stamp of the transforms is `stamp` [s]. All are in one message,
+        because each message costs a system call and wakes every subscriber.
         """
-        with_base = not self.has_other_filter
         poses = [pose_from_2d(odometry.filtered.pose_base_in_odom)] if with_base else []
         if with_wheels:
             poses += self._wheel_poses(odometry)
