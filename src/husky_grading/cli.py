@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from typing import Optional, Sequence
+from typing import Optional, Sequence, Tuple
 
 from husky_evaluation.tasks.command import (
     add_old_name,
@@ -22,6 +22,7 @@ from husky_grading.records import (
     Job,
     Launchable,
     MarkingConfig,
+    MarkingResult,
     Rules,
 )
 from husky_grading.reports.files import add_step_summary
@@ -166,21 +167,27 @@ def grade(options: argparse.Namespace) -> int:
             cluster=options.cluster, time_limit=options.time_limit or 0.0,
         )  # fmt: skip
         results = mark_all(config, batch)
-        if any(result.problem for result in results):
-            return 2
-        return 0 if all(result.full for result in results) else 1
-    # otherwise the options have either `--launch PACKAGE FILE ...` or `--node PACKAGE TYPE ...`
+    else:
+        results = [_grade_single(options, config, setups, out)]
+    if any(result.problem for result in results):
+        return 2
+    return 0 if all(result.full for result in results) else 1
+
+
+def _grade_single(
+    options: argparse.Namespace, config: MarkingConfig, setups: Tuple[str, ...], out: Path
+) -> MarkingResult:
+    """Grade the launch file or node that the options name, print its result, and return it."""
+    # the options have either `--launch PACKAGE FILE ...` or `--node PACKAGE TYPE ...`
     kind = "launch" if options.launch else "node"
     package, name, *arguments = options.launch or options.node
     launchable = Launchable(kind, package, name, tuple(arguments))
     job = Job(f"{package} {name}", str(out), config, launchable, setups=setups)
-    marking = run_program(job, shows_errors=True)
-    add_step_summary([marking])
-    print(to_result(marking))  # a table of the items, and the notes
+    result = run_program(job, shows_errors=True)
+    add_step_summary([result])
+    print(to_result(result))  # a table of the items, and the notes
     print(f"\npictures, JSON, JUnit XML and logs: {out}")
-    if marking.problem:
-        return 2
-    return 0 if marking.full else 1
+    return result
 
 
 def main(arguments: Optional[Sequence[str]] = None) -> None:

@@ -234,7 +234,6 @@ def view_of(config: RvizConfig, tree: FrameTree, marker_types: Mapping[str, str]
         frame = config.fixed_frame
         problem = f"no transform connects the fixed frame '{frame}' with {BASE}, so nothing is shown"
         return replace(view, problem=problem)
-    has_frames = any(display.kind == TF for display in config.displays)
     models = [display for display in config.displays if display.kind == ROBOT]
     scans = [display for display in config.displays if display.kind == SCAN]
     markers = [display for display in config.displays if display.kind in MARKERS]
@@ -243,31 +242,39 @@ def view_of(config: RvizConfig, tree: FrameTree, marker_types: Mapping[str, str]
         # the SMB's launch file sets /smb_description, but our simulator does not; so a display of
         # /smb_description counts as a display of /robot_description
         descriptions.add("/smb_description")
-    marker_topics, mistyped = [], []
+    topics = [each.source for each in scans] + _topics_shown(markers, marker_types)
+    return replace(
+        view,
+        topics=tuple(dict.fromkeys(topics)),  # each topic once
+        hidden=tuple(_hidden_namespaces(markers)),
+        mistyped=tuple(each for each in markers if not _fits(each.kind, marker_types.get(each.source))),
+        tf=any(display.kind == TF for display in config.displays),
+        # RViz shows a robot model only if the run has a robot description of this name
+        robot=any(each.source in descriptions for each in models),
+        scan=bool(scans),
+    )
+
+
+def _topics_shown(markers: Sequence[RvizDisplay], marker_types: Mapping[str, str]) -> List[str]:
+    """Return the topics of markers that displays of markers show, with the types of these topics."""
+    topics = []
     for each in markers:
         if _fits(each.kind, marker_types.get(each.source)):
-            marker_topics.append(each.source)
-        else:
-            mistyped.append(each)
+            topics.append(each.source)
         # a Marker display with topic NAME also shows the MarkerArray messages on NAME_array
         array_topic = f"{each.source}_array"
         if each.kind == MARKER and _fits(MARKER_ARRAY, marker_types.get(array_topic)):
-            marker_topics.append(array_topic)
-    hidden = []  # topic and namespace of the markers that no display shows
+            topics.append(array_topic)
+    return topics
+
+
+def _hidden_namespaces(markers: Sequence[RvizDisplay]) -> List[Tuple[str, str]]:
+    """Return the topic and namespace of the markers that are switched off in all displays of their topic."""
+    hidden = []
     for each in markers:
         displays_of_topic = [other for other in markers if other.source == each.source]
         for name in each.hidden:
             # a namespace that one display hides is visible if another display of its topic does not hide it
             if all(name in other.hidden for other in displays_of_topic):
                 hidden.append((each.source, name))
-    topics = [each.source for each in scans] + marker_topics
-    return replace(
-        view,
-        topics=tuple(dict.fromkeys(topics)),  # each topic once
-        hidden=tuple(hidden),
-        mistyped=tuple(mistyped),
-        tf=has_frames,
-        # RViz shows a robot model only if the run has a robot description of this name
-        robot=any(each.source in descriptions for each in models),
-        scan=bool(scans),
-    )
+    return hidden

@@ -50,13 +50,7 @@ def judge(submission: Submission, recordings: Sequence[Recording], job: Job) -> 
     # all runs start the same nodes with the same robot, so frames and topics are taken from the first run
     first = recordings[0]
     exercise = EXERCISES[job.config.exercise]
-    tree = FrameTree(first.frames, first.descriptions)
-    if not first.frames or not len(first.times):
-        # Odometry begins with the simulated time. A run that ended before this time has only the fixed frames
-        # of the robot and of the submission, so the frames of a robot that stands still are added.
-        descriptions = (*STANDING.descriptions, *first.descriptions)
-        tree = FrameTree({**STANDING.parents, **first.frames}, descriptions)
-    view = view_of(submission.rviz, tree, first.marker_types)
+    view = view_of(submission.rviz, _frame_tree(first), first.marker_types)
     # if several items have the same hint, only the first of them shows it
     items = told_once(exercise.judge(recordings, view, first.scan_topic, job.config.rules))
     if submission.equals:  # several launch files fit the exercise equally well
@@ -81,6 +75,16 @@ def judge(submission: Submission, recordings: Sequence[Recording], job: Job) -> 
         job.name, submission.launchable.summary, settings, tuple(items), tuple(texts(notes))
     )
     return with_override(_without_machine_paths(result, job), job.override)
+
+
+def _frame_tree(recording: Recording) -> FrameTree:
+    """Return the frames and robot descriptions of a run, also if it ended before simulated time began."""
+    if recording.frames and len(recording.times):
+        return FrameTree(recording.frames, recording.descriptions)
+    # Odometry begins with the simulated time. A run that ended before this time has only the fixed frames of
+    # the robot and of the submission, so the frames of a robot that stands still are added.
+    descriptions = (*STANDING.descriptions, *recording.descriptions)
+    return FrameTree({**STANDING.parents, **recording.frames}, descriptions)
 
 
 def unmarked(job: Job, problem: str) -> MarkingResult:

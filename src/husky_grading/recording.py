@@ -187,8 +187,6 @@ def closed(recording: Recording, closing: Closing) -> Recording:
         closing: observations of the program that has started the submission's process.
     """
     notes = list(closing.notes)
-    # if the run was cut off, the reason for the cut-off counts, and not the reason that the recorder gives
-    ended = closing.ended or recording.ended
     ends = (Kind.NODE_ENDED, Kind.NODE_FAILED, Kind.NODE_CRASHED)
     has_node_ended = any(note.kind in ends for note in notes)
     for note in recording.notes:
@@ -202,9 +200,12 @@ def closed(recording: Recording, closing: Closing) -> Recording:
     if recording.command_count / rate_time > FLOOD:
         text = f"it floods cmd_vel: {recording.command_count} commands in {rate_time:.0f} s of simulated time"
         notes.append(Note(Kind.FLOOD, text))
+    # `recording.ended` is CUT_OFF if the recorder itself was stopped early
     if closing.ended or recording.ended == CUT_OFF:
         why = closing.ended.text if closing.ended else "the recorder ended early"
         notes.append(Note(Kind.CUT_OFF, f"the run was cut off at {length:.2f} s: {why}", length))
+    # if the run was cut off, the reason for the cut-off counts, and not the reason that the recorder gives
+    ended = closing.ended or recording.ended
     return replace(recording, notes=tuple(notes), ended=ended, output=closing.output)
 
 

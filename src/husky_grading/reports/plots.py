@@ -102,9 +102,11 @@ def _write_label(
     """
     # [rad] direction to the left of the line
     angle = atan2(at[1] - seen_from[1], at[0] - seen_from[0]) + pi / 2.0
-    offset = gap * cos(angle), gap * sin(angle)
+    offset = gap * cos(angle), gap * sin(angle)  # [points] shift to the right, shift up
     alignment = "center"
-    if abs(offset[0]) > 5.0:  # the whole text is on one side, so that it does not cover the position
+    # if the text is moved to the side by more than 5 points, it begins or ends at the offset, so that it does
+    # not reach back to the position
+    if abs(offset[0]) > 5.0:
         alignment = "left" if offset[0] > 0.0 else "right"
     axis.annotate(
         text, at, offset, textcoords="offset points", ha=alignment, va="center", fontsize=9, zorder=8, **more
@@ -144,12 +146,7 @@ def draw_moment(recording: Recording, at: float) -> bytes:
     # index and values of the true pose at the moment
     row = min(int(np.searchsorted(recording.times, at)), len(recording.times) - 1)
     x, y, yaw = map(float, recording.poses[row])
-    # (M, 3) [s, m, m] time, x and y of the points that the lidar measured up to this moment; 1e-6 is a
-    # tolerance for rounding
-    hits_before = recording.hits[recording.hits[:, 0] <= at + 1e-6]
-    latest = hits_before[:, 0].max(initial=0.0)  # [s] time of the last scan before the moment
-    # (K, 2) [m] points of the last scan
-    points = hits_before[hits_before[:, 0] == latest][:, 1:]
+    points = _last_scan(recording, at)
     robot = load_robot(recording.robot)
     driven_x, driven_y, _ = recording.poses[: row + 1].T  # path up to the moment
     axis.plot(driven_x, driven_y, color=DRIVEN, linewidth=1.5, label="driven", zorder=2)
@@ -172,3 +169,12 @@ def draw_moment(recording: Recording, at: float) -> bytes:
     absent = "" if markers else "; no marker so far"
     axis.set_title(f"{recording.times[row]:.2f} s{absent}", fontsize=11)
     return png(figure)
+
+
+def _last_scan(recording: Recording, at: float) -> np.ndarray:
+    """Return the points of the last scan up to a moment [s], (K, 2) [m] in the world; empty if none."""
+    stamps = recording.hits[:, 0]  # (M,) [s] time of the scan to which each point belongs
+    hits_before = recording.hits[stamps <= at + 1e-6]  # 1e-6 is a tolerance for rounding
+    # [s] time of the last scan; without a scan, `max` needs a value, but no point has this time
+    latest = hits_before[:, 0].max(initial=0.0)
+    return hits_before[hits_before[:, 0] == latest][:, 1:]
