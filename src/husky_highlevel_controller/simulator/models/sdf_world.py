@@ -268,13 +268,23 @@ def _read_model(model: Model, parent: _Place) -> None:
     # read the models inside this model, which yield no bodies; a generator does nothing until it is iterated
     for _ in _bodies_in(node, place):
         pass
-    # A joint or a frame may name the model itself, as `__model__` or by its name. This means a link of the
-    # model, which is the link in `canonical_link`, or otherwise the first link, also of a model inside it.
-    links = [link for link in assembly.links if link.startswith(f"{full_name}::")]
-    named_link = node.element.get("canonical_link")
-    if named_link or links:
-        link_of_model = place.full_name_of(named_link) if named_link else links[0]
-        assembly.frames[full_name] = assembly.frames[place.full_name_of("__model__")] = link_of_model
+    _attach_to_link(node, place, assembly)
+
+
+def _attach_to_link(model: Node, place: _Place, assembly: Assembly) -> None:
+    """Attach the frame of a model to one of the model's links, if the model has a link.
+
+    A joint or a frame may name the model itself, as `__model__` or by its name. This name means the link in
+    `canonical_link`, or otherwise the first link, which may be a link of a model inside this model.
+    """
+    canonical = model.element.get("canonical_link")
+    if canonical:
+        link = place.full_name_of(canonical)
+    else:
+        link = next((name for name in assembly.links if name.startswith(f"{place.full_name}::")), "")
+    if link:
+        for name in (place.full_name, place.full_name_of("__model__")):
+            assembly.frames[name] = link
 
 
 def _read_links(node: Node, model: _Place, assembly: Assembly) -> None:
