@@ -12,7 +12,7 @@ import sys
 import traceback
 from dataclasses import replace
 from pathlib import Path
-from typing import List, Optional, Sequence
+from typing import List, Optional, Sequence, Tuple
 
 from husky_grading.drive.observe import observe
 from husky_grading.drive.trials import draw_trials
@@ -46,43 +46,33 @@ LIMITS = {resource.RLIMIT_DATA: 2_000_000_000, resource.RLIMIT_NOFILE: 1024}
 def mark(job: Job) -> MarkingResult:
     """Mark a submission, write its files into the job's folder, and return its result, also after any error.
 
-    After a fault of this machine, such as a full disk, or of this program, there is no fingerprint, so the
-    next `grade` marks the submission again. After an error in the teacher's points, there is a fingerprint,
-    so the runs are kept.
+    The fingerprint in the folder decides what the next `grade` does. With the same fingerprint, the runs are
+    kept, and only judged again if rules or points by hand have changed. So there is a fingerprint after a
+    success, after an error in the teacher's points, and if the submission itself cannot be marked. After a
+    fault of this machine, such as a full disk, or of this program, there is no fingerprint, so the next
+    `grade` marks the submission again.
 
     Raises:
         StoppedError: marking was interrupted.
     """
-    out, exercise = Path(job.out), EXERCISES[job.config.exercise]
+    out = Path(job.out)
     problem = ""  # sentence that says why the submission could not be marked; empty if it was marked
-    # Hash of everything that the runs depend on; empty if the runs must not be kept. If the hash is still the
-    # same at the next `grade`, there are no new runs. `batch` then keeps the result, or judges the runs again
-    # if rules or points by hand have changed.
-    fingerprint = ""
+    fingerprint = ""  # hash of everything that the runs depend on; empty if the runs must not be kept
     try:
         out.mkdir(parents=True, exist_ok=True)
         for name in (FINGERPRINT, RESULT, *PICTURES):
             remove_tree(out / name)
-        submission = kept_submission(job) or prepare(job, exercise.facts)
-        # a robot in marking.yaml, for this student only, is used instead of the robot of the class
-        config = replace(job.config, robot=job.override.robot or job.config.robot)
-        trials = draw_trials(exercise.number_of_runs(config.trials), config.seed)
-        observe(submission, trials, config, exercise.bring_up, out)
-        recordings = recordings_in(out)
-        notes = [*submission.notes, *(note for each in recordings for note in each.notes)]
-        # if packages are missing, the runs also depend on the packages that are installed on this machine
-        misses_packages = bool(MISSES_PACKAGES & {note.kind for note in notes})
+        submission, recordings = _prepare_and_observe(job)
         # set before `judge`, so that the runs are kept if `judge` finds an error in the teacher's points
-        fingerprint = job.fingerprint + (job.installed if misses_packages else "")
+        fingerprint = _fingerprint_of_runs(job, submission, recordings)
         result = _judge_and_draw(submission, recordings, job)
     except StoppedError:
         raise
     except NotMarkableError as error:  # a fault that marking again would not repair, such as a broken archive
         problem, fingerprint = _text_of(error), job.fingerprint
     except HuskyError as error:
-        # An error before `judge`, such as a fault of this machine, leaves the fingerprint empty, so the next
-        # `grade` marks the submission again. If `judge` finds an error in the teacher's points, the
-        # fingerprint is already set, so the next `grade` judges the same runs by the corrected points.
+        # The fingerprint is left as it is: empty after an error before `judge`, such as a fault of this
+        # machine, and set if `judge` has found an error in the teacher's points.
         problem = _text_of(error)
     except OSError as error:  # a fault of this machine, also while the pictures are written
         problem = error.strerror or _text_of(error)
@@ -102,6 +92,27 @@ def mark(job: Job) -> MarkingResult:
         # the fingerprint is written last, because this file means that all other files are complete
         write_whole(out / FINGERPRINT, fingerprint)
     return result
+
+
+def _prepare_and_observe(job: Job) -> Tuple[Submission, List[Recording]]:
+    """Prepare the submission of a job, unless it is kept, and let it drive; return it and its recordings."""
+    exercise = EXERCISES[job.config.exercise]
+    submission = kept_submission(job) or prepare(job, exercise.facts)
+    # a robot in marking.yaml, for this student only, is used instead of the robot of the class
+    config = replace(job.config, robot=job.override.robot or job.config.robot)
+    trials = draw_trials(exercise.number_of_runs(config.trials), config.seed)
+    observe(submission, trials, config, exercise.bring_up, Path(job.out))
+    return submission, recordings_in(Path(job.out))
+
+
+def _fingerprint_of_runs(job: Job, submission: Submission, recordings: Sequence[Recording]) -> str:
+    """Return the hash of everything that the runs of a job depend on.
+
+    If packages are missing, the runs also depend on the packages that are installed on this machine.
+    """
+    notes = [*submission.notes, *(note for each in recordings for note in each.notes)]
+    misses_packages = bool(MISSES_PACKAGES & {note.kind for note in notes})
+    return job.fingerprint + (job.installed if misses_packages else "")
 
 
 def _judge_and_draw(submission: Submission, recordings: Sequence[Recording], job: Job) -> MarkingResult:

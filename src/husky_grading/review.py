@@ -11,7 +11,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
-from typing import List, NamedTuple, Tuple
+from typing import List, NamedTuple, Sequence, Tuple
 
 from husky_grading.hand_in.class_folder import find_hand_ins
 from husky_grading.isolation.files import (
@@ -168,22 +168,7 @@ def open_items(out: Path) -> Review:
         HuskyError: there are no results of one class, or its folder is itself a submission.
     """
     marked = _marked_submissions(out)
-    # folders that contain the submissions; all submissions of a class must be in a single folder
-    folders = {Path(each.job.hand_in).parent for each in marked}
-    if len(folders) != 1:
-        raise HuskyError(
-            f"{out} has no results of one class; write them by `grade --all FOLDER --out {out}` first"
-        )
-    folder = folders.pop()
-    for each in marked:
-        # `grade --all FOLDER` writes FOLDER into `hidden`, because the sandbox hides the other submissions.
-        # If FOLDER is itself a package, it is also the only submission. Then the file marking.yaml in it is
-        # from a student, and not from the teacher.
-        if each.job.hand_in in each.job.hidden:
-            raise HuskyError(
-                f"{each.job.hand_in} is itself a package, so its {FILE} does not count; put the package into "
-                "a folder of your own, and run `grade --all` with that folder"
-            )
+    folder = _folder_of_class([each.job for each in marked], out)
     hand_ins = find_hand_ins(folder)
     # names of the folders of results that belong to the present submissions. Other folders are old. For
     # example, a student's folder gets another name if two students have the same name.
@@ -198,6 +183,29 @@ def open_items(out: Path) -> Review:
     # students without a result are in the class, too
     students += [each.name for each in hand_ins]
     return Review(items, folder, list(dict.fromkeys(students)))  # each student once
+
+
+def _folder_of_class(jobs: Sequence[Job], out: Path) -> Path:
+    """Return the single folder that contains the submissions of all jobs, the results of which are in `out`.
+
+    Raises:
+        HuskyError: there is no such folder, or it is itself a submission.
+    """
+    folders = {Path(job.hand_in).parent for job in jobs}
+    if len(folders) != 1:
+        raise HuskyError(
+            f"{out} has no results of one class; write them by `grade --all FOLDER --out {out}` first"
+        )
+    for job in jobs:
+        # `grade --all FOLDER` writes FOLDER into `hidden`, because the sandbox hides the other submissions.
+        # If FOLDER is itself a package, it is also the only submission. Then the file marking.yaml in it is
+        # from a student, and not from the teacher.
+        if job.hand_in in job.hidden:
+            raise HuskyError(
+                f"{job.hand_in} is itself a package, so its {FILE} does not count; put the package into "
+                "a folder of your own, and run `grade --all` with that folder"
+            )
+    return folders.pop()
 
 
 def write_review(out: Path) -> Path:

@@ -163,19 +163,29 @@ def starter(
     # submission may have the name of our package. With runpy, unlike `python STARTER`, the folder of the
     # program is not searched for modules.
     code = "import runpy, sys; runpy.run_path(sys.argv[1], run_name='__main__')"
-    # launch files that start our simulator in place of Gazebo; an <include> of such a file is left out
-    files = [f"launch/{file.name}" for file in COMPAT.glob("*/launch/*.launch")]
-    manifest = (share_folder() / "package.xml").resolve()
-    # manifest and program folders of this package; a node from there is left out
-    our_places = [str(manifest), *map(str, program_folders())]
-    # facts about this package and the robot's packages for the program, which cannot import our modules
-    ours = {
-        "nodes": SIMULATOR_NODES, "rviz": OWN_RVIZ, "files": files,
-        "places": [] if visible_code is VisibleCode.ALL else our_places,
-        "by_submission": robot_packages.by_submission, "by_marking": robot_packages.by_marking,
-    }  # fmt: skip
+    ours = json.dumps(_facts_for_starter(robot_packages, visible_code))
     commands = [json.dumps(launchable.command) for launchable in launchables]
-    return [sys.executable, "-c", code, str(STARTER), str(events), action, json.dumps(ours), *commands]
+    return [sys.executable, "-c", code, str(STARTER), str(events), action, ours, *commands]
+
+
+def _facts_for_starter(robot_packages: RobotPackages, visible_code: VisibleCode) -> Dict[str, Any]:
+    """Return names and paths by which the program that starts a submission finds the nodes to leave out.
+
+    The program gets them as an argument, because it cannot import the modules of this package.
+    """
+    manifest = (share_folder() / "package.xml").resolve()
+    our_places = [str(manifest), *map(str, program_folders())]
+    return {
+        "nodes": SIMULATOR_NODES,  # a node with such a name is left out
+        "rviz": OWN_RVIZ,  # an RViz node with such a name is left out if the submission has its own RViz
+        # launch files that start our simulator in place of Gazebo; an <include> of such a file is left out
+        "files": [f"launch/{file.name}" for file in COMPAT.glob("*/launch/*.launch")],
+        # manifest and program folders of this package; a node from there is left out, unless the submission
+        # is our own
+        "places": [] if visible_code is VisibleCode.ALL else our_places,
+        "by_submission": robot_packages.by_submission,
+        "by_marking": robot_packages.by_marking,
+    }
 
 
 def read_events(path: Path) -> List[Event]:

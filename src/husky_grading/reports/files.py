@@ -141,15 +141,22 @@ def write_pictures(recordings: Sequence[Recording], name: str, out: Path, cause:
         (out / RUNS_PICTURE).write_bytes(plots.draw_estimate(first, estimate, name))
     else:
         (out / RUNS_PICTURE).write_bytes(plots.draw_drives(recordings, name))
-        # run and simulated time [s] that the second picture shows: the middle of the first run, or the moment
-        # of `cause`
-        shown, at = first, float(first.times[-1]) / 2.0
-        if cause is not None and cause.at is not None and cause.drive <= len(recordings):
-            shown, at = recordings[cause.drive - 1], cause.at  # the first run has the number 1
+        shown, at = _moment_to_show(recordings, cause)
         (out / MOMENT_PICTURE).write_bytes(plots.draw_moment(shown, at))
     for number, recording in enumerate(recordings, 1):
         if len(recording.times):
             _write_replay(recording, f"{name}, run {number}", out / f"drive_{number}")
+
+
+def _moment_to_show(recordings: Sequence[Recording], cause: Optional[Item]) -> Tuple[Recording, float]:
+    """Return the run and the simulated time [s] at which `cause` lost points, if both are known.
+
+    Otherwise, they are the first run and the middle of its time.
+    """
+    if cause is not None and cause.at is not None and cause.drive <= len(recordings):
+        return recordings[cause.drive - 1], cause.at  # the first run has the number 1
+    first = recordings[0]
+    return first, float(first.times[-1]) / 2.0
 
 
 def _write_replay(recording: Recording, title: str, folder: Path) -> None:

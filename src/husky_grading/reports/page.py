@@ -63,12 +63,10 @@ def class_page(
     ordered = sorted(results, key=lambda result: result.name.casefold())
     # names of the items, in the order in which they first occur
     columns = list(dict.fromkeys(item.name for result in ordered for item in result.items))
-    rows = []
-    for result in ordered:
-        items = {item.name: item for item in result.items}
-        cells = tuple(items.get(name) for name in columns)  # None for an item that the student does not have
-        addresses = tuple((title, quote(path)) for title, path in files.get(result.name, ()))
-        rows.append(Row(result, cells, tuple(pictures.get(result.name, ())), addresses))
+    rows = [
+        _row_of_class(result, columns, pictures.get(result.name, ()), files.get(result.name, ()))
+        for result in ordered
+    ]
     # each student's fraction of the points, without items that are graded by hand; used for the median and
     # the histogram
     shares = [result.points / result.max_points for result in ordered if result.max_points]
@@ -80,9 +78,9 @@ def class_page(
         # all submissions of a class are marked with the same settings, so those of the first one are shown
         settings=ordered[0].settings if ordered else {},
         counts=[(state, count) for state, count in counts if count],  # states without students are left out
-        # largest possible sums of points: `decided` of the items that are not graded by hand, and `possible`
-        # of all items
+        # largest sum of points that `grade` can give to the class, so without items that are graded by hand
         decided=sum(result.max_points for result in ordered),
+        # largest sum of points with these items, too
         possible=sum(item.max_points for result in ordered for item in result.items),
         # a submission with another robot than the robot of the course is coloured
         course_robot=_course_robot(ordered),
@@ -94,6 +92,22 @@ def class_page(
         colour_of_points=_colour_of_points,
         moment_of=moment_of,
     )
+
+
+def _row_of_class(
+    result: MarkingResult,
+    columns: Sequence[str],
+    pictures: Sequence[bytes],
+    files: Sequence[Tuple[str, str]],
+) -> Row:
+    """Return the row of a student in the table of a class, with a cell for each item in `columns`.
+
+    Files are titles and paths. A path becomes an address, in which special characters are escaped.
+    """
+    items = {item.name: item for item in result.items}
+    cells = tuple(items.get(name) for name in columns)  # None for an item that the student does not have
+    addresses = tuple((title, quote(path)) for title, path in files)
+    return Row(result, cells, tuple(pictures), addresses)
 
 
 def feedback_page(
