@@ -64,9 +64,8 @@ def meet_mesh(
         distances: distances of the beams.
 
     Returns:
-        An upper bound of the distances at which beams meet the mesh [m]: 0 if no beam can meet the mesh, and
-        otherwise inf. Only if a bound is above `max_range`, `cast_rays` searches for distances beyond
-        `max_range`. A bound of inf is always right, and only costs the time of this search.
+        0 if no beam can meet the mesh, otherwise inf. `cast_rays` takes the result as an upper bound of the
+        distances at which beams meet the mesh. The real bound is not computed, so inf stands for it.
     """
     # 1. no beam meets a mesh if the ball around the mesh does not reach the scan plane, or is out of range
     (ax, ay, az), (cx, cy, cz) = mesh.axes, mesh.centre
@@ -108,9 +107,13 @@ def _segments(
     """
     corners = mesh.faces[:, cut]  # (3, K)
     above = heights[corners] > 0.0
-    # number (0, 1 or 2) of the corner that is alone on its side of the plane; the other two are opposite
-    lone = np.where(above[1] == above[2], 0, np.where(above[0] == above[2], 1, 2))
-    # rotate the three corners of each triangle, so that the lone corner comes first
+    # number of the corner that is alone on its side of the plane: 0 if corners 1 and 2 are on the same side,
+    # 1 if corners 0 and 2 are on the same side, otherwise 2
+    lone = np.full(len(cut), 2)
+    lone[above[0] == above[2]] = 1
+    lone[above[1] == above[2]] = 0
+    # rotate the corners of each triangle, so that the lone corner comes first; for example, if corner 1 is
+    # alone, its triangle has the order 1, 2, 0
     order = (lone + np.arange(3)[:, None]) % 3  # (3, K)
     corners = corners[order, np.arange(len(cut))]
     first, second, third = heights[corners]
@@ -132,26 +135,11 @@ def _meet_segments(start: np.ndarray, end: np.ndarray, beams: Beams, distances: 
         beams: beams in the laser's frame, by ascending bearing.
         distances: distances of the beams.
     """
-    start_bearing, end_bearing = np.arctan2(start[1], start[0]), np.arctan2(end[1], end[0])
-    low, high = np.minimum(start_bearing, end_bearing), np.maximum(start_bearing, end_bearing)
-    # The beams between `low` and `high` may meet a segment. But a segment behind the laser may cross the
-    # direction pi, which is the same as -pi. The beams of such a segment are at both ends of the scan: from
-    # `high` to the last beam, and from the first beam to `low`. So this segment is listed a second time.
-    is_at_both_ends = high - low > pi
-    segment = np.concatenate([np.arange(len(low)), np.flatnonzero(is_at_both_ends)])
-    from_bearing = np.concatenate(
-        [np.where(is_at_both_ends, high, low), np.full(is_at_both_ends.sum(), -inf)]
-    )
-    to_bearing = np.concatenate([np.where(is_at_both_ends, inf, high), low[is_at_both_ends]])
-    # bearings ascend, so the beams that may meet a segment are neighbours
-    first_beam = beams.bearings.searchsorted(from_bearing - _SLACK)
-    count = beams.bearings.searchsorted(to_bearing + _SLACK, side="right") - first_beam
-    has_beams = np.flatnonzero(count)
-    if not len(has_beams):
+    segments, first_beams, beam_counts = _segments_and_beams(start, end, beams.bearings)
+    if not len(segments):
         return
     # beam and segment of each of the P pairs that may meet
-    first_beam, count = first_beam[has_beams], count[has_beams]
-    beam, segment = beams_of(first_beam, count), segment[has_beams].repeat(count)
+    beam, segment = beams_of(first_beams, beam_counts), segments.repeat(beam_counts)
     (x, y), (along_x, along_y) = start[:, segment], (end - start)[:, segment]
     direction_x, direction_y = beams.directions[:, beam]
     # A beam meets the line of a segment at the distance t if t * direction = start + s * along, for some
@@ -162,6 +150,38 @@ def _meet_segments(start: np.ndarray, end: np.ndarray, beams: Beams, distances: 
     # A beam along its segment gives 0 / 0 = nan, which `fmin` ignores. A beam may be in several pairs;
     # without `at`, only one of them would count.
     np.fmin.at(distances, beam, entries)
+
+
+def _segments_and_beams(
+    start: np.ndarray, end: np.ndarray, bearings: np.ndarray
+) -> Tuple[Indices, Indices, Indices]:
+    """Find the beams that may meet each line segment: those between the bearings of its two ends.
+
+    Args:
+        start: x and y of one end of each segment in the laser's frame, (2, K) [m].
+        end: x and y of the other end, (2, K) [m].
+        bearings: bearings of the beams, ascending (N,) [rad].
+
+    Returns:
+        Three arrays with an entry for each segment that has such beams: the index of the segment, its first
+        beam, and the number of its neighbouring beams. A segment behind the laser may have two entries,
+        because it has beams at both ends of the scan.
+    """
+    start_bearing, end_bearing = np.arctan2(start[1], start[0]), np.arctan2(end[1], end[0])
+    low, high = np.minimum(start_bearing, end_bearing), np.maximum(start_bearing, end_bearing)
+    # A segment behind the laser may cross the direction pi, which is the same as -pi. Its beams are then from
+    # `high` to the last beam, and from the first beam to `low`. For example, the ends may be at 170 and -160
+    # degrees. For the beams up to `low`, the segment gets a second entry, which is appended.
+    behind = np.flatnonzero(high - low > pi)
+    segment = np.concatenate([np.arange(len(low)), behind])
+    from_bearing = np.concatenate([low, np.full(len(behind), -inf)])
+    to_bearing = np.concatenate([high, low[behind]])
+    from_bearing[behind], to_bearing[behind] = high[behind], inf
+    # bearings ascend, so the beams that may meet a segment are neighbours
+    first_beam = bearings.searchsorted(from_bearing - _SLACK)
+    count = bearings.searchsorted(to_bearing + _SLACK, side="right") - first_beam
+    has_beams = np.flatnonzero(count)
+    return segment[has_beams], first_beam[has_beams], count[has_beams]
 
 
 def beams_of(first: Indices, count: Indices) -> Indices:

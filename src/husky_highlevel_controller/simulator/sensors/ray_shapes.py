@@ -65,7 +65,8 @@ def _prepare_cylinder(center: Number3, axes: Sequence[Number3], size: Number3) -
 
     The laser is the origin. A beam has the points t d, where d is a unit vector with d_z = 0. It meets
     the side of the cylinder where its point t d is `radius` away from the axis. The distance of a point p
-    from the axis is |(p - c) x e|. With m = c x e and s = d x e, this is an equation for t::
+    from the axis is |(p - c) x e|. For p = t d, with s = d x e and m = c x e, this is |t s - m|. So the
+    equation for t, squared and solved, is::
 
         |t s - m| = radius
         (s.s) t^2 - 2 (s.m) t + m.m - radius^2 = 0
@@ -73,24 +74,29 @@ def _prepare_cylinder(center: Number3, axes: Sequence[Number3], size: Number3) -
           = (s.m -+ sqrt(radius^2 s.s - (d.m)^2)) / s.s
 
     The last line holds because s.s m.m - (s.m)^2 = (d.m)^2. This form of the root is precise for a cylinder
-    far away, too, but the form above it is not. `_flank` computes the terms of the last line. The rows are
-    for the terms that depend on d: the product of a row (u, v) with d is d_x u + d_y v.
+    far away, too, but the form above it is not. `_flank` computes the terms of the last line.
+
+    - rows: for the terms that depend on d. The product of a row (u, v) with d is d_x u + d_y v.
+    - numbers: e_z^2 and radius^2, for `_flank`; the depth of the laser in the cylinder without ends; and of
+      the slab between the two ends, along the axis: its middle, half of its thickness, and the depth of the
+      laser in it. A depth is negative if the laser is outside.
     """
     (cx, cy, cz), ((ex, ey, ez),), (radius, _, half_length) = center, axes, size
     mx, my, mz = cy * ez - cz * ey, cz * ex - cx * ez, cx * ey - cy * ex
-    c_along_e, square = cx * ex + cy * ey + cz * ez, radius * radius
+    c_along_e = cx * ex + cy * ey + cz * ez
     rows = (
         (mx, my),  # the product with d is d.m
         (ey * mz - ez * my, ez * mx - ex * mz),  # the product with d is d.(e x m), which is equal to s.m
         (ey, -ex),  # the product with d is s_z, from which `_flank` computes s.s
         (ex, ey),  # the product with d is d.e, for the slab between the two ends
     )
-    # radius^2 minus the squared distance of the laser from the axis; negative if the laser is outside of the
-    # cylinder without ends
-    depth_in_side = square - mx * mx - my * my - mz * mz
-    # `_flank` needs the first two numbers. The last three are for the slab between the two ends: its middle
-    # and half of its thickness along the axis, and the depth of the laser in it.
-    return rows, (ez * ez, square, depth_in_side, c_along_e, half_length, half_length - abs(c_along_e))
+    square_of_ez, square_of_radius = ez * ez, radius * radius
+    # only the sign of this depth is needed, so it may be in m^2; m.m is the squared distance of the laser
+    # from the axis
+    depth_in_side = square_of_radius - mx * mx - my * my - mz * mz
+    depth_between_ends = half_length - abs(c_along_e)
+    numbers = (square_of_ez, square_of_radius, depth_in_side, c_along_e, half_length, depth_between_ends)
+    return rows, numbers
 
 
 def _enter_cylinder(along: np.ndarray, numbers: np.ndarray) -> np.ndarray:
@@ -169,7 +175,12 @@ def _enter_sphere(along: np.ndarray, numbers: np.ndarray) -> np.ndarray:
 
 
 class Formula(NamedTuple):
-    """Intersection formula of one kind of shape, for beams in the xy plane of the laser's frame."""
+    """Intersection formula of one kind of shape, for beams in the xy plane of the laser's frame.
+
+    `prepare` does the work that is the same for all beams of a shape: it computes rows and numbers. A row is
+    the x and y of a vector. `enter` takes the scalar product of each row with the direction of each beam, and
+    the numbers, and returns the distance at which each beam enters the shape.
+    """
 
     axes: slice  # indices of the shape's axes that the formula needs
     # takes the centre, these axes and the half edges of the shape in the laser's frame; returns its rows and

@@ -44,6 +44,8 @@ from husky_highlevel_controller.simulator.sensors.ray_shapes import (
     CYLINDER,
     FORMULAS,
     SPHERE,
+    Formula,
+    Number3,
     enter_flank,
 )
 
@@ -153,21 +155,11 @@ def cast_rays(scene: RayScene, pose_laser_in_world: Pose, beams: Beams, max_rang
     # each shape below shortens the distances of the beams that meet this shape first
     distances = np.empty(len(beams.bearings))
     distances.fill(inf)
-    # [m] upper bound of all finite distances. It saves time, because distances beyond `max_range` need to be
-    # searched only if this bound is above `max_range`.
+    # [m] upper bound of all finite distances; inf if it is not known. Distances beyond `max_range` are
+    # searched only if the bound is above `max_range`, because the search takes time.
     farthest = 0.0
     for point, normal in scene.planes:
-        # from the laser to the plane along its normal [m], and components of the normal in the laser's frame
-        height, (x, y, _) = dot(minus(point, origin), normal), along_axes(laser, normal)
-        # if this is false, no beam reaches the plane, for example the floor below a level laser
-        if abs(height) <= hypot(x, y) * max_range:
-            # For each metre of its length, a beam moves along the normal by the scalar product of its
-            # direction and the normal. The beam meets the plane where its whole motion along the normal is
-            # `height`.
-            to_plane = height / np.dot((x, y), beams.directions)
-            to_plane[to_plane < 0.0] = inf  # the plane is behind the laser
-            np.fmin(distances, to_plane, out=distances)
-            farthest = inf
+        farthest = max(farthest, _meet_plane(point, normal, origin, laser, beams, max_range, distances))
     if scene.has_many:
         _meet_many(scene, np.array(origin), np.array(laser), beams, max_range, distances)
         farthest = inf
@@ -179,6 +171,42 @@ def cast_rays(scene: RayScene, pose_laser_in_world: Pose, beams: Beams, max_rang
     if farthest > max_range:
         distances[distances > max_range] = inf
     return distances
+
+
+def _meet_plane(
+    point: Vector3,
+    normal: Vector3,
+    origin: Vector3,
+    laser: Axes,
+    beams: Beams,
+    max_range: float,
+    distances: np.ndarray,
+) -> float:
+    """Shorten the distances (N,) [m] of the beams that meet a plane, in place.
+
+    The result is 0 if no beam reaches the plane, such as the floor below a level laser. Otherwise the result
+    is inf, because a beam may meet the plane at any distance.
+
+    Args:
+        point: a point of the plane in the world [m].
+        normal: unit normal of the plane in the world.
+        origin: position of the laser in the world [m].
+        laser: axes of the laser in the world.
+        beams: beams in the laser's frame.
+        max_range: a plane that no beam reaches within this range is skipped [m].
+        distances: distances of the beams.
+    """
+    height = dot(minus(point, origin), normal)  # [m] way from the laser to the plane along the normal
+    x, y, _ = along_axes(laser, normal)  # the normal in the laser's frame
+    # a beam has no z component, so it moves along the normal by at most hypot(x, y) for each metre
+    if abs(height) > hypot(x, y) * max_range:
+        return 0.0
+    # For each metre of its length, a beam moves along the normal by the scalar product of its direction and
+    # the normal. The beam meets the plane where its whole motion along the normal is `height`.
+    to_plane = height / np.dot((x, y), beams.directions)
+    to_plane[to_plane < 0.0] = inf  # the plane is behind the laser
+    np.fmin(distances, to_plane, out=distances)
+    return inf
 
 
 # ------------------------------------------------------------ scenes of few shapes, one after the other
@@ -196,41 +224,53 @@ def _meet_one(
     centre of the circle are computed::
 
                               ___
-                            /     \         level       distance from the laser to (x, y)
+                            /     \         to_middle   distance from the laser to (x, y)
             laser o--------(   +   )---     radius      of the circle, sqrt(bound^2 - z^2)
-                half_angle  \_____/         half_angle  asin(radius / level)
+                half_angle  \_____/         half_angle  asin(radius / to_middle)
     """
     # 1. the centre of the solid in the laser's frame
     center = along_axes(laser, minus(solid.position, origin))
     x, y, z = center
-    level, radius_squared = hypot(x, y), solid.bound * solid.bound - z * z
+    to_middle, radius_squared = hypot(x, y), solid.bound * solid.bound - z * z
     # 2. no beam meets a ball that is above or below the scan plane, or farther than `max_range`
-    if radius_squared < 0.0 or level - solid.bound > max_range:
+    if radius_squared < 0.0 or to_middle - solid.bound > max_range:
         return 0.0
-    farthest, radius = level + solid.bound, sqrt(radius_squared)
-    # 3. A formula has two functions. `prepare` computes rows and numbers of the solid, which are the same for
-    # all beams. A row is the x and y of a vector whose scalar product with the direction of each beam is
-    # needed. `enter` takes these products and the numbers, and returns the distances of the beams.
+    farthest, radius = to_middle + solid.bound, sqrt(radius_squared)
+    # 3. the part of the formula that is the same for all beams, see `Formula`
     needed_axes, prepare, enter = FORMULAS[solid.kind]
     axes = [along_axes(laser, axis) for axis in solid.axes[needed_axes]]
     row_terms, number_terms = prepare(center, axes, solid.size)
     rows, numbers = np.array(row_terms), np.array(number_terms)[:, None]
-    if solid.kind == CYLINDER and level > radius:
-        ((u, v, w),) = axes  # the formula of a cylinder needs one axis, along its length
-        # A faster formula is enough if no beam can pass an end of the cylinder. Along the axis, the laser is
-        # `laser_offset` away from the cylinder's middle, and each metre of a beam adds at most hypot(u, v),
-        # because beams have no z component.
-        laser_offset, half_length = abs(dot(center, (u, v, w))), solid.size[2]
-        if laser_offset + hypot(u, v) * farthest <= half_length:
-            enter = enter_flank
+    is_inside_circle = to_middle <= radius
+    if solid.kind == CYLINDER and not is_inside_circle:
+        (axis,), (_, _, half_length) = axes, solid.size  # a cylinder's formula needs only the axis along it
+        if _stays_between_ends(center, axis, half_length, way=farthest):
+            enter = enter_flank  # faster, because it leaves out the ends
     # 4. only the beams towards the circle are computed, or all beams if the laser is inside the circle
-    half_angle = asin(radius / level) if level > radius else pi
+    half_angle = pi if is_inside_circle else asin(radius / to_middle)
     for first, end in _beams_around(beams, atan2(y, x), half_angle):
         entries = enter(np.dot(rows, beams.directions[:, first:end]), numbers)
         distances_there = distances[first:end]  # a view, so that the next line changes `distances`
         # a beam that misses has nan, which `fmin` ignores
         np.fmin(distances_there, entries, out=distances_there)
     return farthest
+
+
+def _stays_between_ends(center: Vector3, axis: Vector3, half_length: float, way: float) -> bool:
+    """Return whether all beams stay between the planes of a cylinder's two ends, for `way` m from the laser.
+
+    So these beams can meet only the side of the cylinder.
+
+    Args:
+        center: centre of the cylinder in the laser's frame [m].
+        axis: unit vector along the cylinder in the laser's frame.
+        half_length: half of the cylinder's length [m].
+        way: length of the beams [m].
+    """
+    x, y, _ = axis
+    laser_offset = abs(dot(center, axis))  # [m] way from the laser to the cylinder's middle along the axis
+    # a beam has no z component, so it moves along the axis by at most hypot(x, y) for each metre
+    return laser_offset + hypot(x, y) * way <= half_length
 
 
 def _beams_around(beams: Beams, middle: float, half_angle: float) -> List[Tuple[int, int]]:
@@ -263,8 +303,7 @@ def _meet_many(
 ) -> None:
     """Shorten the distances of the beams that meet any solid of a scene, for all solids of a kind at once.
 
-    The formulas are computed for pairs of a solid and a beam that may meet, all pairs of a kind of solid in
-    one array.
+    A pair is a solid and a beam that may meet. All pairs of one kind of solid are computed in one array.
 
     Args:
         scene: the solids.
@@ -278,33 +317,49 @@ def _meet_many(
     # each candidate is a solid with neighbouring beams that may meet it: the first beam, and their number
     solids, first_beams, beam_counts = _candidates(centers, scene.bounds, beams.bearings, max_range)
     kinds = scene.kinds[solids]
-    # A kind (BOX, CYLINDER or SPHERE) is the place of its formula in FORMULAS. A formula has the indices of
-    # the axes that it needs, and two functions. `prepare` computes F vectors and G numbers of each solid. Of
-    # a vector, only x and y are needed, which are called a row. `enter` takes the numbers, and the scalar
-    # product of each row with the direction of each beam. It returns the distances of the beams.
-    for kind, (needed_axes, prepare, enter) in enumerate(FORMULAS):
+    for kind, formula in enumerate(FORMULAS):  # FORMULAS[kind] is the formula of BOX, CYLINDER or SPHERE
         chosen = np.flatnonzero(kinds == kind)  # (K,) candidates of this kind
         if len(chosen):
-            # solid of each candidate (K,), and number of its beams (K,)
+            # solid of each candidate, and number of its beams, (K,) each
             solid, count = solids[chosen], beam_counts[chosen]
-            # There are P pairs of a candidate and one of its beams. These are the indices of the beams (P,);
-            # the pairs of one candidate come one after the other.
+            # beam of each pair (P,); the pairs of one candidate come one after the other
             beam = beams_of(first_beams[chosen], count)
-            # needed axes of each solid in the world (K, axis, xyz), which are the rows of a matrix
-            axes_in_world = scene.axes[solid, needed_axes]
-            # the same axes in the laser's frame, as `prepare` takes them (axis, xyz, K)
-            axes = (axes_in_world @ laser.T).transpose(1, 2, 0)
-            # rows (F, 2, K) and numbers (G, K) of each candidate
-            rows_each, numbers_each = prepare(centers[solid].T, axes, scene.sizes[solid].T)
-            # the values of a candidate are repeated for each of its pairs
-            rows = np.array(rows_each).repeat(count, axis=-1)  # (F, 2, P)
-            numbers = np.array(numbers_each).repeat(count, axis=-1)  # (G, P)
-            # scalar product of each row with the direction (x, y) of the beam, (F, P)
-            x, y = beams.directions[:, beam]
-            entries = enter(rows[:, 0] * x + rows[:, 1] * y, numbers)
+            # the A axes that the formula needs, in the laser's frame: (K, A, 3), and then (A, 3, K)
+            axes = (scene.axes[solid, formula.axes] @ laser.T).transpose(1, 2, 0)
+            center, size, direction = centers[solid].T, scene.sizes[solid].T, beams.directions[:, beam]
+            entries = _entries_of_pairs(formula, center, axes, size, count, direction)
             # A beam that misses has nan, which `fmin` ignores. A beam may be in several pairs; without `at`,
             # only one of them would count.
             np.fmin.at(distances, beam, entries)
+
+
+def _entries_of_pairs(
+    formula: Formula,
+    center: Number3,
+    axes: Sequence[Number3],
+    size: Number3,
+    count: Indices,
+    direction: np.ndarray,
+) -> np.ndarray:
+    """Return the distance at which the beam of each pair enters the solid of the pair, (P,) [m].
+
+    A beam that misses the solid has inf or nan.
+
+    Args:
+        formula: formula of the kind of the K solids.
+        center: x, y and z of the solids' centres in the laser's frame, (3, K) [m].
+        axes: the A axes of the solids that the formula needs, in the laser's frame, (A, 3, K).
+        size: half edges of the solids, (3, K) [m].
+        count: number of pairs of each solid, (K,); the pairs of one solid come one after the other.
+        direction: x and y of the direction of each pair's beam, (2, P).
+    """
+    rows_of_solids, numbers_of_solids = formula.prepare(center, axes, size)  # shapes (F, 2, K) and (G, K)
+    # the values of a solid are repeated for each of its pairs
+    rows = np.array(rows_of_solids).repeat(count, axis=-1)  # (F, 2, P)
+    numbers = np.array(numbers_of_solids).repeat(count, axis=-1)  # (G, P)
+    x, y = direction
+    products = rows[:, 0] * x + rows[:, 1] * y  # scalar product of each row with the beam's direction (F, P)
+    return formula.enter(products, numbers)
 
 
 def _candidates(
@@ -324,23 +379,26 @@ def _candidates(
         candidates, because it has beams at both ends of the scan.
     """
     x, y, z = centers.T
-    # squared radius of the circle in which the scan plane cuts a ball; negative if the plane misses the ball
-    level, radius_squared = np.hypot(x, y), bounds * bounds - z * z
-    solid = np.flatnonzero((radius_squared >= 0.0) & (level - bounds <= max_range))
-    level, radius = level[solid], np.sqrt(radius_squared[solid])
+    # distance from the laser to the middle of the circle in which the scan plane cuts a ball, and the squared
+    # radius of this circle; negative if the plane misses the ball
+    to_middle, radius_squared = np.hypot(x, y), bounds * bounds - z * z
+    solid = np.flatnonzero((radius_squared >= 0.0) & (to_middle - bounds <= max_range))
+    to_middle, radius = to_middle[solid], np.sqrt(radius_squared[solid])
     # angle from the middle of each circle to its edges, seen from the laser [rad]; 1e-9 rad are added, so
     # that rounding loses no beam that touches an edge
-    half_angle = np.arcsin(np.minimum(radius / level, 1.0)) + 1e-9
-    half_angle[level <= radius] = pi + 1e-9  # the laser is inside the circle, so all beams may meet the solid
+    half_angle = np.arcsin(np.minimum(radius / to_middle, 1.0)) + 1e-9
+    is_inside_circle = to_middle <= radius
+    half_angle[is_inside_circle] = pi + 1e-9  # the laser is inside, so all beams may meet the solid
     middle = np.arctan2(y[solid], x[solid])
     low, high = middle - half_angle, middle + half_angle
     # The bearings pi and -pi are the same direction. A solid that reaches over this direction is added a
-    # second time, with its bearings turned by 2 pi, for the beams at the other end of the scan.
-    for over, turn in ((np.flatnonzero(low < -pi), 2.0 * pi), (np.flatnonzero(high > pi), -2.0 * pi)):
-        if len(over):
-            solid = np.concatenate([solid, solid[over]])
-            low = np.concatenate([low, low[over] + turn])
-            high = np.concatenate([high, high[over] + turn])
+    # second time, for the beams at the other end of the scan. For example, a solid from 170 to 190 degrees is
+    # added from -190 to -170 degrees.
+    over_right, over_left = np.flatnonzero(low < -pi), np.flatnonzero(high > pi)
+    if len(over_right) or len(over_left):
+        solid = np.concatenate([solid, solid[over_right], solid[over_left]])
+        low = np.concatenate([low, low[over_right] + 2.0 * pi, low[over_left] - 2.0 * pi])
+        high = np.concatenate([high, high[over_right] + 2.0 * pi, high[over_left] - 2.0 * pi])
     # bearings ascend, so the beams from `low` to `high` are neighbours
     first_beam = bearings.searchsorted(low)
     count = bearings.searchsorted(high, side="right") - first_beam
