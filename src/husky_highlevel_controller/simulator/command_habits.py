@@ -68,6 +68,15 @@ class _Sender:
     overruled_since: Optional[float] = None
 
 
+class _Command(NamedTuple):
+    """Last command of a sender."""
+
+    topic: str
+    sender: str  # name of the node that sent the command
+    is_zero: bool  # true if the command lets the robot stand
+    stronger_topic: Optional[str]  # topic that is obeyed instead of `topic`; None if this command is obeyed
+
+
 class CommandHabits:
     """Memory of the commands of each sender."""
 
@@ -107,73 +116,83 @@ class CommandHabits:
         self._zero_senders.pop(topic, None)
         if is_zero:
             self._zero_senders[topic] = sender
-        # each habit of a sender is yielded once
-        for finding in self._findings(memory, gap, topic, sender, is_zero, stronger_topic):
-            if (finding.habit, sender) not in self._reported:
+        command = _Command(topic, sender, is_zero, stronger_topic)
+        findings = (
+            self._driving(command, memory, gap),
+            self._slow(command, memory, gap),
+            self._zeros(command, memory),
+            self._overruled(command, memory),
+        )
+        for finding in findings:
+            if finding is not None and (finding.habit, sender) not in self._reported:
                 self._reported.add((finding.habit, sender))
                 yield finding
 
-    def _findings(
-        self,
-        memory: _Sender,
-        gap: float,
-        topic: str,
-        sender: str,
-        is_zero: bool,
-        stronger_topic: Optional[str],
-    ) -> Iterator[Finding]:
-        """Update the memory of a sender by its last command, and yield all findings of now.
+    def _driving(self, command: _Command, memory: _Sender, gap: float) -> Optional[Finding]:
+        """Return the rate of a sender that has moved the robot for RATE_TIME without a pause.
 
-        Also findings that were reported before are yielded, because `note` leaves them out.
-
-        Args:
-            memory: memory of the sender on this topic, with the last command's stamp.
-            gap: time between the last two commands [s].
-            topic: topic of the command.
-            sender: name of the node that sent the command.
-            is_zero: true if the command lets the robot stand.
-            stronger_topic: topic that is obeyed instead of `topic`; None if this command is obeyed.
+        The rate is counted from the first command that moves the robot: it is not zero, and no stronger topic
+        overrules it. `gap` is the time between the last two commands of the sender [s].
         """
         stamp = memory.last
-        # DRIVES: the rate is counted from the first command that moves the robot: it is not zero, and no
-        # stronger topic overrules it. A pause ends the count.
         if gap > LONGEST_GAP:
             memory.moves_since = None
-        if memory.moves_since is None and not is_zero and stronger_topic is None:
-            memory.moves_since = stamp
-            memory.moves_count = 0
-        elif memory.moves_since is not None:
-            memory.moves_count += 1
-            duration = stamp - memory.moves_since
-            if duration >= RATE_TIME:
-                yield Finding(Habit.DRIVES, sender, topic, memory.moves_count / duration)
+        if memory.moves_since is None:
+            if not command.is_zero and command.stronger_topic is None:
+                memory.moves_since = stamp
+                memory.moves_count = 0
+            return None
+        memory.moves_count += 1
+        duration = stamp - memory.moves_since
+        if duration < RATE_TIME:
+            return None
+        return Finding(Habit.DRIVES, command.sender, command.topic, memory.moves_count / duration)
 
-        # SLOW: the sender's command had expired before each of its last SLOW_GAPS commands. A command that
-        # comes in time, or after a pause, starts the count again.
+    def _slow(self, command: _Command, memory: _Sender, gap: float) -> Optional[Finding]:
+        """Return the rate of a sender whose command had expired before each of its last SLOW_GAPS commands.
+
+        A command that comes in time, or after a pause, starts the count of the gaps again, and so does a
+        finding. `gap` is the time between the last two commands of the sender [s].
+        """
         has_expired = self._timeout < gap <= LONGEST_GAP
         memory.slow_gaps = (*memory.slow_gaps, gap) if has_expired else ()
-        if len(memory.slow_gaps) >= SLOW_GAPS:
-            rate = len(memory.slow_gaps) / sum(memory.slow_gaps)
-            yield Finding(Habit.SLOW, sender, topic, rate, self._timeout)
-            memory.slow_gaps = ()
+        if len(memory.slow_gaps) < SLOW_GAPS:
+            return None
+        rate = len(memory.slow_gaps) / sum(memory.slow_gaps)
+        memory.slow_gaps = ()
+        return Finding(Habit.SLOW, command.sender, command.topic, rate, self._timeout)
 
-        # ZEROS: the sender has sent many commands over some time, each of them was zero, and the sender is
-        # not a node that stops the robot on purpose
-        has_sent_many = stamp - memory.first >= ZEROS_TIME and memory.count >= ZEROS_COUNT
-        if has_sent_many and not memory.has_commanded_motion and not self._may_stand(sender):
-            yield Finding(Habit.ZEROS, sender, topic)
+    def _zeros(self, command: _Command, memory: _Sender) -> Optional[Finding]:
+        """Return a finding if a sender has sent many commands over some time, and all of them were zero.
 
-        # OVERRULED: zero commands of another node, on a stronger topic, stop the robot while this sender
-        # wants to move it. `holder` is the name of the other node; empty if no such node holds the robot.
-        holder = "" if stronger_topic is None else self._zero_senders.get(stronger_topic, "")
-        if is_zero or stronger_topic is None or not holder:
+        A node that stops the robot on purpose may do so.
+        """
+        has_sent_many = memory.last - memory.first >= ZEROS_TIME and memory.count >= ZEROS_COUNT
+        if not has_sent_many or memory.has_commanded_motion or self._may_stand(command.sender):
+            return None
+        return Finding(Habit.ZEROS, command.sender, command.topic)
+
+    def _overruled(self, command: _Command, memory: _Sender) -> Optional[Finding]:
+        """Return a finding if zero commands on a stronger topic have stopped a sender for OVERRULED_TIME.
+
+        The sender wants to move the robot, and another node holds the robot, which is also named.
+        """
+        # name of the node whose last command on the stronger topic is zero; empty if there is none
+        holder = "" if command.stronger_topic is None else self._zero_senders.get(command.stronger_topic, "")
+        if command.is_zero or command.stronger_topic is None or not holder:
             memory.overruled_since = None
-        elif memory.overruled_since is None:
-            memory.overruled_since = stamp
-        elif stamp - memory.overruled_since >= OVERRULED_TIME:
-            yield Finding(
-                Habit.OVERRULED, sender, topic, stronger_sender=holder, stronger_topic=stronger_topic
-            )
+            return None
+        if memory.overruled_since is None:
+            memory.overruled_since = memory.last
+        if memory.last - memory.overruled_since < OVERRULED_TIME:
+            return None
+        return Finding(
+            Habit.OVERRULED,
+            command.sender,
+            command.topic,
+            stronger_sender=holder,
+            stronger_topic=command.stronger_topic,
+        )
 
 
 def habit_sentence(finding: Finding) -> str:

@@ -92,13 +92,20 @@ def equip(
         sensors.append(Sensor(gps_steps, Gps(config.gps, gps_steps * dt), "gps", GPS_STREAM))
     if not real:
         return Equipment(Drive(drive_config), imu, sensors, points)
-    # The encoders are read only together with odometry, so their period must be a whole number of periods of
-    # odometry, and of physics steps. The results are not used: `steps_per` raises HuskyError if it is not.
-    for other_rate in (ODOMETRY_RATE, rate):
-        steps_per(real.base.control_rate, other_rate, "base/control_rate")
+    _check_control_rate(real.base.control_rate, rate)
     sensors.append(Sensor(imu_steps, Magnetometer(), "mag", MAG_STREAM))
     power = Power(real.power, real.ground.rolling_current)
     return Equipment(HuskyBase(drive_config, real.base, dt), imu, sensors, points, power)
+
+
+def _check_control_rate(control_rate: float, physics_rate: float) -> None:
+    """Raise HuskyError if the encoders of a real Husky cannot be read at this rate [Hz].
+
+    They are read only together with odometry, so their period must be a whole number of periods of odometry,
+    and of physics steps.
+    """
+    for other_rate in (ODOMETRY_RATE, physics_rate):
+        steps_per(control_rate, other_rate, "base/control_rate")  # raises the error; the result is not needed
 
 
 def _lidar(

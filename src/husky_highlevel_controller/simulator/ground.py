@@ -12,7 +12,7 @@ from __future__ import annotations
 import logging
 from dataclasses import replace
 from math import inf, isfinite, pi
-from typing import List, Tuple
+from typing import List, Sequence, Tuple
 
 from husky_highlevel_controller.datatypes import (
     Body,
@@ -83,18 +83,25 @@ def with_ground(world: World, start: Pose2D, height: float = 0.0) -> World:
         for part in body.collisions
     ]
     scene = make_scene(shapes_and_poses)
-    # A start below z = 0 may be below a plane at z = 0. The robot is then put on top of this plane, so the
-    # plane is a floor, too. A search down from z = 0 finds this plane, and also all that is below the start.
-    if has_floor(scene, (start.x, start.y, max(height, 0.0))):
+    # If the start is below z = 0, a plane at z = 0 may be above the start. The robot is put on top of this
+    # plane, so the search begins at z = 0 and finds this plane, and also all that is below the start.
+    highest = max(height, 0.0)
+    if has_floor(scene, (start.x, start.y, highest)):
         return world
     place = f"({start.x:g}, {start.y:g})"
     log.warning("world '%s' has no ground at %s, where the robot starts; adding a plane", world.name, place)
+    return replace(world, bodies=(*world.bodies, _ground_plane(world)))
+
+
+def _ground_plane(world: World) -> Body:
+    """Return a plane at z = 0 with a name that is free in the world.
+
+    If the world has a model `ground_plane`, the plane becomes another body of this model.
+    """
     plane = Geometry(Plane((0.0, 0.0, 1.0), (100.0, 100.0)))  # endless, but drawn with edges of 100 m
     is_taken = any(body.name == "ground_plane" for body in world.bodies)
-    # if the world has a model `ground_plane`, the plane becomes another body of this model
     name = "ground_plane::added" if is_taken else "ground_plane"
-    ground = Body(name, Pose(), collisions=(plane,), visuals=(plane,))
-    return replace(world, bodies=(*world.bodies, ground))
+    return Body(name, Pose(), collisions=(plane,), visuals=(plane,))
 
 
 def has_floor(scene: RayScene, point: Vector3) -> bool:
@@ -119,27 +126,30 @@ def floor_height(scene: RayScene, pose_on_ground: Pose) -> float:
     """
     # height above the pose at which the rays begin [m], and drop from there under each wheel
     ray_height, drops = _drops_at_wheels(scene, pose_on_ground)
+    if not _all_meet_floor(drops):
+        return 0.0
     # height of the floor under the first wheel [m]; if the floor is level, under all wheels
     height = ray_height - drops[0]
     if height < 0.0:
         # The robot would be put lower than the pose, onto the floor. If an object stands on the floor between
         # the wheels, the robot's hull would come down into the object. With such an object, a drop in the
-        # middle is shorter than the drops at the wheels. The floor then counts as uneven, so the robot is put
-        # above the object, or stays at the pose.
-        middle = [transform_point(pose_on_ground, (x, y, ray_height)) for x, y in _MIDDLE_POINTS]
-        drops += [_drop(scene, point) for point in middle]
-    is_in_body, is_without_floor = 0.0 in drops, inf in drops
-    if is_in_body or is_without_floor:
-        return 0.0
+        # middle is shorter than the drops at the wheels, so the floor below counts as uneven.
+        drops += _drops(scene, pose_on_ground, _MIDDLE_POINTS, ray_height)
+        if not _all_meet_floor(drops):
+            return 0.0
     unevenness = max(drops) - min(drops)
     if unevenness < _LEVEL_TOLERANCE:
         # a floor within the tolerance of the pose counts as 0, so that the pose stays as it is
         return height if abs(height) > _LEVEL_TOLERANCE else 0.0
     if unevenness < _MAX_UNEVENNESS:
-        outline = [transform_point(pose_on_ground, (x, y, ray_height)) for x, y in _OUTLINE]
-        height_of_highest_point = ray_height - min(_drop(scene, point) for point in outline)
+        height_of_highest_point = ray_height - min(_drops(scene, pose_on_ground, _OUTLINE, ray_height))
         return height_of_highest_point + _CLEARANCE
-    return 0.0
+    return 0.0  # the wheels are at the edge of a floor
+
+
+def _all_meet_floor(drops: Sequence[float]) -> bool:
+    """Return whether all rays begin outside of bodies (drop 0) and meet a body (drop inf if they do not)."""
+    return 0.0 not in drops and inf not in drops
 
 
 def _drops_at_wheels(scene: RayScene, pose_on_ground: Pose) -> Tuple[float, List[float]]:
@@ -149,25 +159,32 @@ def _drops_at_wheels(scene: RayScene, pose_on_ground: Pose) -> Tuple[float, List
     the top of this body. All drops are 0 if the top is more than MAX_RISE above the pose, and also if the
     pose is inside a smaller body, which is an obstacle.
     """
-    drops = _drops(scene, pose_on_ground, _WHEEL_REACH, MAX_SLAB)
+    wheels, corners_of_wide_body = _corners(_WHEEL_REACH), _corners(_FLOOR_REACH)
+    drops = _drops(scene, pose_on_ground, wheels, MAX_SLAB)
     are_wheels_in_body = not any(drops)  # the drop of a point inside a body is 0
     # in a wide body, the drops are also 0 at the corners of a larger square
-    if are_wheels_in_body and not any(_drops(scene, pose_on_ground, _FLOOR_REACH, MAX_SLAB)):
+    if are_wheels_in_body and not any(_drops(scene, pose_on_ground, corners_of_wide_body, MAX_SLAB)):
         for step in range(1, round(MAX_RISE / _RISE_STEP)):
             height_above = MAX_SLAB + _RISE_STEP * step
-            drops_above = _drops(scene, pose_on_ground, _WHEEL_REACH, height_above)
+            drops_above = _drops(scene, pose_on_ground, wheels, height_above)
             if all(drops_above):  # no drop is 0, so this height is above the wide body
                 return height_above, drops_above
     return MAX_SLAB, drops
 
 
-def _drops(scene: RayScene, pose_on_ground: Pose, reach: float, height: float) -> List[float]:
-    """Return the distances (drops) from four corners around a pose down to the first body [m].
+def _corners(reach: float) -> List[Tuple[float, float]]:
+    """Return the corners of a square around the origin: x and y are `reach` or -`reach` [m]."""
+    return [(x, y) for x in (-reach, reach) for y in (-reach, reach)]
 
-    The corners are `height` m above the pose, and `reach` m from it along both of its axes.
+
+def _drops(
+    scene: RayScene, pose_on_ground: Pose, points: Sequence[Tuple[float, float]], height: float
+) -> List[float]:
+    """Return the distances (drops) from points down to the first body [m].
+
+    A point has x and y in the frame of the pose [m], and is `height` m above the pose.
     """
-    corners = [(x, y, height) for x in (-reach, reach) for y in (-reach, reach)]
-    return [_drop(scene, transform_point(pose_on_ground, corner)) for corner in corners]
+    return [_drop(scene, transform_point(pose_on_ground, (x, y, height))) for x, y in points]
 
 
 def _drop(scene: RayScene, point: Vector3) -> float:

@@ -59,8 +59,8 @@ class Simulation:
     ) -> None:
         """Build the world, with the robot on the floor at `start`.
 
-        If base_link on the floor would be up to MAX_DROP lower than `start_height`, the robot starts at this
-        height and falls, as in Gazebo.
+        If the floor is below `start_height` by at most MAX_DROP, the robot starts at `start_height` and falls
+        to the floor, as in Gazebo.
 
         Args:
             world: bodies and gravity.
@@ -405,11 +405,11 @@ class Simulation:
         """
         pose_before = self._chassis.state.pose_in_world
         self._chassis.move(pose_base_in_world)
-        # The last sample of odometry may be some steps old, so a new sample adds the way that the robot has
-        # driven since then. The new sample comes after the move, because a refused move shall change nothing.
-        # It needs the angles of the wheels and the yaw rate of the IMU, which the move has not changed.
+        # The last sample of odometry may be some steps old, so a new sample adds the way that the robot had
+        # driven before the move. It comes after the move, because a refused move shall change nothing. The
+        # move has not changed what the sample needs: the angles of the wheels and the yaw rate of the IMU.
         self._odometer.sample(self._chassis.wheels(), self._equipment.imu.yaw_rate, self._steps_since_reset)
-        # the world keeps its pose in odom, so this pose is computed from the robot's poses before the move
+        # pose of the world in odom, from the robot's poses before the move; the move does not change it
         pose_world_in_odom = world_in_odom(pose_before, self._odometer.filtered.pose_base_in_odom)
         self._height_of_last_floor = self.ground_height
         self._equipment.imu.restart()

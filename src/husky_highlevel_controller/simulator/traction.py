@@ -92,8 +92,7 @@ def ground_forces(
     The slip of a wheel is the velocity of its tread over the ground. The force on the wheel is -k times the
     slip after the step, where k is the wheel's largest friction force divided by the speed of the slip. The
     slip depends on the robot's velocity after the step, and k depends on the slip. So each round computes k
-    from the velocity that the round before has found, and then a better velocity from three linear equations:
-    momentum along x, momentum along y, and spin.
+    from the velocity that the round before has found, and then a better velocity with these k.
 
     Args:
         contacts: one per wheel; a wheel in the air has load 0 and gets no force.
@@ -104,65 +103,105 @@ def ground_forces(
         dt: duration of the step [s].
         config: the tyres.
     """
-    last_velocity = velocity  # result of the round before
+    treads = _treads(contacts, mass, config)
     vx, vy, yaw_rate = velocity
-    grip, quarter_weight = config.lateral_grip, mass * STANDARD_GRAVITY / 4.0
-    # x, y [m], largest friction force [N] and tread speed [m/s] of each wheel
-    treads: List[Tuple[float, float, float, float]] = []
-    for x, y, load, speed in contacts:
-        limit = 0.0  # a wheel in the air has no friction
-        if load > 0.0:
-            # the coefficient of friction of rubber is smaller if the load is larger
-            limit = config.friction * load * (load / quarter_weight) ** LOAD_SENSITIVITY
-        treads.append((x, y, limit, speed))
     # momentum [kg m/s] and angular momentum [kg m^2/s] after the step if there were no friction; base_link
     # turns during the step, which gives the terms with yaw_rate
-    momentum_x = mass * vx + dt * (external[0] + mass * yaw_rate * vy)
-    momentum_y = mass * vy + dt * (external[1] - mass * yaw_rate * vx)
-    angular_momentum = yaw_inertia * yaw_rate
+    momentum = (
+        mass * vx + dt * (external[0] + mass * yaw_rate * vy),
+        mass * vy + dt * (external[1] - mass * yaw_rate * vx),
+        yaw_inertia * yaw_rate,
+    )
     ks: List[float] = []  # force per slip of each wheel [N s/m]
     for _ in range(MAX_ITERATIONS):
-        # The velocity after the step is the solution of three linear equations:
-        #   a vx              +  b yaw_rate  =  px    (momentum along x)
-        #            e vy     +  c yaw_rate  =  py    (momentum along y)
-        #   b vx  +  c vy     +  d yaw_rate  =  pw    (angular momentum)
-        # These are the values without friction; each wheel adds its own terms below.
-        a, b, c, d, e = mass, 0.0, 0.0, yaw_inertia, mass
-        px, py, pw = momentum_x, momentum_y, angular_momentum
-        ks = []
-        for x, y, limit, speed in treads:
-            # force per slip: the largest force divided by the speed of the slip, which is never 0 because of
-            # `slip_speed`
-            k = limit / hypot(vx - yaw_rate * y - speed, vy + yaw_rate * x, config.slip_speed)
-            ks.append(k)
-            # The friction of the wheel changes the momentum along x by -k dt (vx - yaw_rate y - speed), and
-            # the momentum along y by -k dt grip (vy + yaw_rate x). The angular momentum changes by x times
-            # the change along y, minus y times the change along x. The terms with the unknown velocity are
-            # added to the left sides of the equations, and the terms with the known `speed` to the right.
-            kdt = k * dt
-            a += kdt
-            b -= kdt * y
-            c += kdt * x * grip
-            d += kdt * (x * x * grip + y * y)
-            e += kdt * grip
-            px += kdt * speed
-            pw -= kdt * speed * y
-        # The first two equations give vx = (px - b yaw_rate) / a and vy = (py - c yaw_rate) / e. Put into the
-        # third equation, they give
-        #   yaw_rate = (pw - b px / a - c py / e) / (d - b b / a - c c / e)
-        # Here c / e is computed as `c_a_by_e` / a. If the grip is equal in all directions, a == e, so
-        # `c_a_by_e` is exactly c, and the results are those of a single coefficient of friction to the bit.
-        c_a_by_e = c * (a / e)
-        yaw_rate = (pw - (b * px + c_a_by_e * py) / a) / (d - (b * b + c_a_by_e * c) / a)
-        vx, vy = (px - b * yaw_rate) / a, (py - c * yaw_rate) / e
-        last_vx, last_vy, last_yaw_rate = last_velocity
+        last_vx, last_vy, last_yaw_rate = vx, vy, yaw_rate
+        ks = [
+            # the largest force divided by the speed of the slip, which is never 0 because of `slip_speed`
+            limit / hypot(vx - yaw_rate * y - speed, vy + yaw_rate * x, config.slip_speed)
+            for x, y, limit, speed in treads
+        ]
+        vx, vy, yaw_rate = _velocity_after_step(ks, treads, momentum, mass, yaw_inertia, dt, config)
         # [m/s] change of the velocity; the yaw rate counts as the speed at a distance of 1 m
         change = hypot(vx - last_vx, vy - last_vy, yaw_rate - last_yaw_rate)
         if change < SETTLED * config.slip_speed:
             break
-        last_velocity = (vx, vy, yaw_rate)
     # -k times the slip of each wheel, forwards and to the left
     return [
-        (-k * (vx - yaw_rate * y - speed), -k * grip * (vy + yaw_rate * x))
+        (-k * (vx - yaw_rate * y - speed), -k * config.lateral_grip * (vy + yaw_rate * x))
         for k, (x, y, _, speed) in zip(ks, treads)
     ]
+
+
+class _Tread(NamedTuple):
+    """Tread of a wheel on the ground."""
+
+    x: float  # position of the contact in base_link [m]
+    y: float
+    limit: float  # largest friction force [N]; 0 for a wheel in the air
+    speed: float  # speed of the tread forwards, by the turning of the wheel [m/s]
+
+
+def _treads(contacts: Sequence[WheelContact], mass: float, config: TractionConfig) -> List[_Tread]:
+    """Return the tread of each wheel, with its largest friction force under its present load."""
+    quarter_weight = mass * STANDARD_GRAVITY / 4.0  # [N] load of a wheel of a robot that stands on a level
+    treads = []
+    for x, y, load, speed in contacts:
+        limit = 0.0
+        if load > 0.0:
+            # the coefficient of friction of rubber is smaller if the load is larger
+            limit = config.friction * load * (load / quarter_weight) ** LOAD_SENSITIVITY
+        treads.append(_Tread(x, y, limit, speed))
+    return treads
+
+
+def _velocity_after_step(
+    ks: Sequence[float],
+    treads: Sequence[_Tread],
+    momentum: Vector3,
+    mass: float,
+    yaw_inertia: float,
+    dt: float,
+    config: TractionConfig,
+) -> Vector3:
+    """Return vx, vy and yaw rate after the step, if each wheel has the force -k times its slip then.
+
+    They are the solution of three linear equations, with terms that the wheels add up::
+
+        a vx              +  b yaw_rate  =  px    (momentum along x)
+                 e vy     +  c yaw_rate  =  py    (momentum along y)
+        b vx  +  c vy     +  d yaw_rate  =  pw    (angular momentum)
+
+    Args:
+        ks: force per slip of each wheel [N s/m].
+        treads: positions and speeds of the wheels.
+        momentum: px, py [kg m/s] and pw [kg m^2/s] after a step without friction.
+        mass: mass of the whole robot [kg].
+        yaw_inertia: inertia of the whole robot about its centre of mass [kg m^2].
+        dt: duration of the step [s].
+        config: the tyres.
+    """
+    grip = config.lateral_grip
+    # the values without friction
+    a, b, c, d, e = mass, 0.0, 0.0, yaw_inertia, mass
+    px, py, pw = momentum
+    for k, (x, y, _, speed) in zip(ks, treads):
+        # The friction of the wheel changes the momentum along x by -k dt (vx - yaw_rate y - speed), and the
+        # momentum along y by -k dt grip (vy + yaw_rate x). The angular momentum changes by x times the change
+        # along y, minus y times the change along x. The terms with the unknown velocity are added to the left
+        # sides of the equations, and the terms with the known `speed` to the right.
+        kdt = k * dt
+        a += kdt
+        b -= kdt * y
+        c += kdt * x * grip
+        d += kdt * (x * x * grip + y * y)
+        e += kdt * grip
+        px += kdt * speed
+        pw -= kdt * speed * y
+    # The first two equations give vx = (px - b yaw_rate) / a and vy = (py - c yaw_rate) / e. Put into the
+    # third equation, they give
+    #   yaw_rate = (pw - b px / a - c py / e) / (d - b b / a - c c / e)
+    # Here c / e is computed as `c_a_by_e` / a. If the grip is equal in all directions, a == e, so `c_a_by_e`
+    # is exactly c, and the results are those of a single coefficient of friction to the bit.
+    c_a_by_e = c * (a / e)
+    yaw_rate = (pw - (b * px + c_a_by_e * py) / a) / (d - (b * b + c_a_by_e * c) / a)
+    return (px - b * yaw_rate) / a, (py - c * yaw_rate) / e, yaw_rate

@@ -65,7 +65,7 @@ class WorldObjects:
             raise self._name_is_taken(min(taken))
         try:
             for body in bodies:
-                if self.members(body.name):
+                if self.members(body.name):  # a body before it in `bodies` has the same name
                     raise self._name_is_taken(body.name)
                 self._put(body)
                 added.append(body.name)

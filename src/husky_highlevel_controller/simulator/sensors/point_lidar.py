@@ -52,18 +52,19 @@ class PointLidar:
             pose_in_base: pose of the lidar in base_link.
         """
         self._config, self._cast_rays, self._pose_in_base = config, cast_rays, pose_in_base
-        # 1. the upright planes, one for each column of the first half turn. The x axis of a plane's frame
-        # points along the azimuth of this column, and its y axis upwards. The opposite column is also in it.
+        # 1. The upright planes, one for each column of the first half turn. A plane also has the opposite
+        # column. The frame of a plane is turned about x by 90 degrees, so that its y axis points upwards, and
+        # then about z by the azimuth of the column, so that its x axis points along the column.
         half = config.columns // 2
         azimuths = 2.0 * pi / config.columns * np.arange(half)
         self._planes: List[Pose] = [
             Pose((0.0, 0.0, 0.0), quat_from_rpy(pi / 2.0, 0.0, azimuth)) for azimuth in azimuths
         ]
         # 2. The angles of the beams in a plane, within -pi to pi. The beams of the column come first, and
-        # their angles are the elevations. Then come the beams of the opposite column, and their angles are pi
-        # minus the elevations.
+        # their angles are the elevations. Then come the beams of the opposite column. For example, a beam
+        # that looks up by 10 degrees has the angle 170 there, and a beam that looks down by 10 has -170.
         elevations = np.linspace(-config.elevation_max, config.elevation_max, config.rings)
-        opposite_angles = np.where(elevations > 0.0, pi, -pi) - elevations  # -pi is the same direction as pi
+        opposite_angles = np.where(elevations > 0.0, pi, -pi) - elevations
         angles = np.append(elevations, opposite_angles)  # shape (2 * rings,)
         self._order = np.argsort(angles)  # ray casting needs ascending angles
         self._beams = beams_at(angles[self._order])
