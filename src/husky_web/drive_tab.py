@@ -113,7 +113,10 @@ class DriveTab:
         # soon as the controller's state agrees, or after STALE_STATUS
         self._is_start_requested: Optional[bool] = None
         self._requested_at = -inf  # [s] wall time of the request
-        gui = server.gui
+        self._add_fields(server.gui)
+
+    def _add_fields(self, gui: viser.GuiApi) -> None:
+        """Add the readings, buttons and sliders of the tab, and connect their callbacks."""
         self._readings = gui.add_html(readings_html((None, None, None), []))
         # Start and Stop while the controller's state is unknown; later only the button that changes the state
         self._start: Any = gui.add_button_group("Controller", (START, STOP))
@@ -123,9 +126,9 @@ class DriveTab:
             # a slider sets the attribute `limit` of `teleop`, for example max_linear
             for label, limit, high in SPEEDS:
                 slider = gui.add_slider(
-                    label, min=SLOWEST, max=high, step=0.05, initial_value=getattr(teleop, limit)
+                    label, min=SLOWEST, max=high, step=0.05, initial_value=getattr(self._teleop, limit)
                 )
-                slider.on_update(partial(set_speed, teleop, limit, high))
+                slider.on_update(partial(set_speed, self._teleop, limit, high))
         with gui.add_folder("Simulation"):
             self._time: Any = gui.add_button_group(
                 "Time", (PAUSE, STEP), hint=f"{STEP}: 0.1 s of a paused world"

@@ -220,22 +220,24 @@ class Markers:
         self._ends.pop(key, None)
 
 
-def _arrow(marker: Marker, size: Sequence[float]) -> List[Piece]:
-    """Return an arrow from the marker's first point to its second one.
+def _arrow_along_x(size: Sequence[float]) -> Mesh:
+    """Return an arrow from the origin along x; the size is (length, width, height) [m].
 
-    Without two points, the arrow lies along x of the marker's frame, and its length is given by the scale.
+    Its head is twice as thick as its shaft.
     """
+    length, thick = size[0], max(size[1], size[2])
+    return shapes.arrow(
+        shaft_length=(1.0 - ARROW_HEAD) * length,
+        shaft_diameter=0.5 * thick,
+        head_length=ARROW_HEAD * length,
+        head_diameter=thick,
+    )
+
+
+def _arrow(marker: Marker, size: Sequence[float]) -> List[Piece]:
+    """Return an arrow from the marker's first point to its second one, or without points along its x axis."""
     if len(marker.points) < 2:
-        length, thick = size[0], max(size[1], size[2])
-        # without two points, the scale is (length, width, height); the arrow lies along x from the origin,
-        # and its head is twice as thick as the shaft
-        mesh = shapes.arrow(
-            shaft_length=(1.0 - ARROW_HEAD) * length,
-            shaft_diameter=0.5 * thick,
-            head_length=ARROW_HEAD * length,
-            head_diameter=thick,
-        )
-        return [Solid(mesh, _rgba(marker.color))]
+        return [Solid(_arrow_along_x(size), _rgba(marker.color))]
     start, end = (np.array([p.x, p.y, p.z]) for p in marker.points[:2])
     length = float(np.linalg.norm(end - start))
     if not 0.0 < length < np.inf:  # the points are equal, or a coordinate is infinite or NaN

@@ -199,12 +199,7 @@ class WebNode:
                     self._update_state(now)
                 if now >= readings_due:
                     with on_error_log_and_skip("a reading"):
-                        numbers = self._numbers
-                        # the numbers have the order of `drive_tab.READINGS`; the rate of the clock is the
-                        # real-time factor, simulated time per wall time
-                        readings = (numbers.bearing, numbers.clock.rate, numbers.scans.rate)
-                        self._drive.update(readings, self._is_paused)
-                        self._world.show_loaded(self._world_name)
+                        self._show_readings()
                     readings_due = now + READINGS_PERIOD
                 if now >= curves_due:
                     with on_error_log_and_skip("a curve or the log"):
@@ -255,6 +250,10 @@ class WebNode:
         self._tuning.follow(published)
         self._world_name = str(parameter(f"{self._config.simulator}/world_name", ""))
         self._server.gui.set_panel_label(title(self._scene.robot_name, self._world_name))
+        self._follow_description()
+
+    def _follow_description(self) -> None:
+        """Draw the robot again if its description on the parameter server has changed."""
         # the master searches for the parameter in the namespaces of this node, from the innermost to the root
         full_name = self._ask("searchParam", "robot_description") or "robot_description"
         description = str(parameter(full_name, ""))  # URDF
@@ -302,6 +301,15 @@ class WebNode:
         for page in self._pages.open.values():
             page.update(base, self._numbers.pillar)
         self._recorder.tick(self._numbers.time, base, self._numbers.pillar)
+
+    def _show_readings(self) -> None:
+        """Show the numbers that change slowly, and the name of the world."""
+        numbers = self._numbers
+        # the numbers have the order of `drive_tab.READINGS`; the rate of the clock is the real-time factor,
+        # simulated time per wall time
+        readings = (numbers.bearing, numbers.clock.rate, numbers.scans.rate)
+        self._drive.update(readings, self._is_paused)
+        self._world.show_loaded(self._world_name)
 
     def _update_state(self, now: float) -> None:
         """Read the new messages, then show who drives the robot, and the robot's activity with its reason.

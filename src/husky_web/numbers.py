@@ -49,35 +49,10 @@ class Numbers:
 
         The scene has the TF frames, and the stamp of its newest scan.
         """
-        # the page subscribes to only one of these topics: to the true poses if a simulator publishes them
-        odometry = topics.take("truth") or topics.take("odometry")
-        if odometry is not None:
-            self._heard_at = now
-            self._speeds["measured"] = conversions.twist_from_msg(odometry.twist.twist)
-            self.time, self.speed = odometry.header.stamp.to_sec(), self._speeds["measured"][0]
-        command = topics.take("command")
-        if command is not None:
-            self._speeds["commanded"] = conversions.twist_from_msg(command.twist)
-        error = topics.take("error")
-        if error is not None:
-            # the controller's message has the remaining distance [m] in x and the bearing [rad] in y
-            self.distance, self.bearing, self._error_at = error.vector.x, error.vector.y, self._simulated_now
-            self._curves["distance"].add(error.header.stamp.to_sec(), error.vector.x)
-            self._curves["bearing"].add(error.header.stamp.to_sec(), error.vector.y)
-        pillar = topics.take("pillar")
-        if pillar is not None:
-            frame = scene.frames.pose(pillar.header.frame_id, scene.fixed_frame)
-            point = (pillar.point.x, pillar.point.y, pillar.point.z)
-            self.pillar = None if frame is None else transform_point(frame, point)
-            self._pillar_at = self._simulated_now
-        # The last numbers of a controller that has ended must not be shown for long. After a restart of the
-        # simulator, simulated time begins at 0 again. A number from before the restart then has a later time
-        # than the present one, so it is removed, too.
-        if not 0.0 <= self._simulated_now - self._error_at <= EXPIRY:
-            self.distance = self.bearing = None
-        if not 0.0 <= self._simulated_now - self._pillar_at <= EXPIRY:
-            self.pillar = None
-        if odometry is not None and self.time is not None:
+        has_odometry = self._take_motion(topics, now)
+        self._take_controllers_numbers(topics, scene)
+        self._forget_old_numbers()
+        if has_odometry and self.time is not None:
             commanded_speed, commanded_turning = self._speeds.get("commanded", UNKNOWN)
             measured_speed, measured_turning = self._speeds.get("measured", UNKNOWN)
             self._curves["speed"].add(self.time, commanded_speed, measured_speed)
@@ -88,6 +63,46 @@ class Numbers:
         if topics.scan_count:  # otherwise no scan has come yet, so there is no stamp of a scan
             # if the lidar ends, the rate goes down to 0, because the time of odometry goes on
             self.scans.add(scene.scan_stamp if self.time is None else self.time, topics.scan_count)
+
+    def _take_motion(self, topics: Topics, now: float) -> bool:
+        """Take in the measured and the commanded motion; return whether a measured motion has come."""
+        # the page subscribes to only one of these topics: to the true poses if a simulator publishes them
+        odometry = topics.take("truth") or topics.take("odometry")
+        if odometry is not None:
+            self._heard_at = now
+            self._speeds["measured"] = conversions.twist_from_msg(odometry.twist.twist)
+            self.time, self.speed = odometry.header.stamp.to_sec(), self._speeds["measured"][0]
+        command = topics.take("command")
+        if command is not None:
+            self._speeds["commanded"] = conversions.twist_from_msg(command.twist)
+        return odometry is not None
+
+    def _take_controllers_numbers(self, topics: Topics, scene: Scene) -> None:
+        """Take in the controller's distance and bearing of the pillar, and the position of the pillar."""
+        error = topics.take("error")
+        if error is not None:
+            # the controller's message has the remaining distance [m] in x and the bearing [rad] in y
+            self.distance, self.bearing = error.vector.x, error.vector.y
+            self._error_at = self._simulated_now
+            self._curves["distance"].add(error.header.stamp.to_sec(), error.vector.x)
+            self._curves["bearing"].add(error.header.stamp.to_sec(), error.vector.y)
+        pillar = topics.take("pillar")
+        if pillar is not None:
+            frame = scene.frames.pose(pillar.header.frame_id, scene.fixed_frame)
+            point = (pillar.point.x, pillar.point.y, pillar.point.z)
+            self.pillar = None if frame is None else transform_point(frame, point)
+            self._pillar_at = self._simulated_now
+
+    def _forget_old_numbers(self) -> None:
+        """Remove the controller's numbers that are older than EXPIRY, because the controller has ended.
+
+        After a restart of the simulator, simulated time begins at 0 again. A number from before the restart
+        then has a later time than the present one, so it is removed, too.
+        """
+        if not 0.0 <= self._simulated_now - self._error_at <= EXPIRY:
+            self.distance = self.bearing = None
+        if not 0.0 <= self._simulated_now - self._pillar_at <= EXPIRY:
+            self.pillar = None
 
     @property
     def _simulated_now(self) -> float:

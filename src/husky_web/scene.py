@@ -181,22 +181,10 @@ class Scene:
 
         The robot has its pose at the moment of the drawn scan, so the scan's points are on the walls.
         """
-        for _, transforms in topics.take_all("tf"):
-            for msg in transforms.transforms:
-                if not is_pose(msg.transform):  # a number is not finite, or too large
-                    continue
-                stamp, pose = msg.header.stamp.to_sec(), conversions.pose_from_transform(msg)
-                self.frames.update(frame_of_message(msg), msg.child_frame_id.lstrip("/"), stamp, pose)
+        self._take_transforms(topics)
         with on_error_log_and_skip(topics.names["scan"]):
             self._update_scan(topics.take("scan"))
-        # if there is no recent scan, for example because the lidar is off, the newest poses are drawn
-        newest_pose_stamp = self.frames.stamp(BASE)
-        is_recent = newest_pose_stamp is not None and abs(newest_pose_stamp - self.scan_stamp) < MAX_SCAN_AGE
-        self.moment = self.scan_stamp if is_recent else None
-        for frame, node in self._robot.items():
-            # the nodes of other frames are children of the base's node, see `draw_robot`
-            parent = BASE if frame != BASE and BASE in self._robot else self.fixed_frame
-            self._show(node, self.frames.pose(frame, parent, self.moment))
+        self._move_robot()
         with on_error_log_and_skip(topics.names["cloud"]):
             self._update_cloud(topics.take("cloud"))
         self._update_trail()
@@ -337,6 +325,28 @@ class Scene:
             return None
         # if a number of the marker's pose is inf or nan, the origin of its frame takes its place
         return compose(frame, pose_of(newest) or Pose()).position
+
+    def _take_transforms(self, topics: Topics) -> None:
+        """Take in new TF frames."""
+        for _, transforms in topics.take_all("tf"):
+            for msg in transforms.transforms:
+                if not is_pose(msg.transform):  # a number is not finite, or too large
+                    continue
+                stamp, pose = msg.header.stamp.to_sec(), conversions.pose_from_transform(msg)
+                self.frames.update(frame_of_message(msg), msg.child_frame_id.lstrip("/"), stamp, pose)
+
+    def _move_robot(self) -> None:
+        """Move the robot to its pose at the moment of the drawn scan.
+
+        If there is no recent scan, for example because the lidar is off, the robot gets its newest pose.
+        """
+        newest_pose_stamp = self.frames.stamp(BASE)
+        is_recent = newest_pose_stamp is not None and abs(newest_pose_stamp - self.scan_stamp) < MAX_SCAN_AGE
+        self.moment = self.scan_stamp if is_recent else None
+        for frame, node in self._robot.items():
+            # the nodes of other frames are children of the base's node, see `draw_robot`
+            parent = BASE if frame != BASE and BASE in self._robot else self.fixed_frame
+            self._show(node, self.frames.pose(frame, parent, self.moment))
 
     def _update_markers(self, topics: Topics, are_looks_due: bool) -> None:
         """Take in new markers, and draw all markers that are shown.
