@@ -217,8 +217,8 @@ def _explain_short_way(recording: Recording) -> Tuple[str, str]:
 def _explain_steering(recording: Recording) -> Explanation:
     """Return the probable mistake of a robot that moves, but misses the pillar.
 
-    The commands are searched for a speed or a rate of turn that is always 0. Then the directions of the turns
-    are compared with the side on which the pillar is.
+    A speed or a rate of turn may be always 0, or the speed negative. If neither is so, `_explain_turns`
+    compares the directions of the turns with the side on which the pillar is.
     """
     if moves_nothing(recording.fastest):  # largest speed of all commands
         return Explanation(ending="; linear.x is 0 in all commands", hint=NO_SPEED)
@@ -228,6 +228,17 @@ def _explain_steering(recording: Recording) -> Explanation:
         return Explanation(ending="; it drives backwards", hint=BACKWARDS)
     if moves_nothing(recording.sharpest):  # largest rate of turn of all commands
         return Explanation(ending="; it never turns: angular.z is 0 in all commands", hint=NO_TURN)
+    return _explain_turns(recording, speeds, turns)
+
+
+def _explain_turns(recording: Recording, speeds: np.ndarray, turns: np.ndarray) -> Explanation:
+    """Return the probable mistake of a robot that drives ahead and turns, but misses the pillar.
+
+    Args:
+        recording: recording of the run.
+        speeds: (M,) [m/s] speeds while the robot moves.
+        turns: (M,) [rad/s] rates of turn at the same moments, positive to the left.
+    """
     dx, dy = (np.array(recording.pillar) - recording.poses[:, :2]).T
     # (M,) [rad] direction of the pillar seen from the robot, positive to the left
     bearings = (np.arctan2(dy, dx) - recording.poses[:, 2])[recording.moving]

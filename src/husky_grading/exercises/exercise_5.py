@@ -263,12 +263,7 @@ def judge_calls(recording: Recording) -> List[Item]:
     stop = _judge_stops(stop, service, effects_of_stops, restarts)
     if not calls_while_driving:
         return [stop, _judge_starts_from_rest(start, service, recording, effects)]
-    # a call with the other value counts only if the call before it had stopped the robot
-    starts = []
-    for previous, effect in zip(effects, effects[1:]):
-        is_start = effect.call.data is not stop_value
-        if is_start and previous.stopped and not effect.drove_before:
-            starts.append(effect)
+    starts = _starts_after_stops(effects, stop_value)
     if restarts and not starts:
         value = str(stop_value).lower()
         evidence = by_hand(f"{service}: it ignores its value, because a second {value} starts the robot")
@@ -310,6 +305,19 @@ def _judge_no_calls(items: Sequence[Item], recording: Recording, observed: Servi
         evidence += f": {reasons[0].text}"
         hint = hint_on(reasons[0])
     return [replace(item, evidence=evidence, hint=hint) for item in items]
+
+
+def _starts_after_stops(effects: Sequence[Effect], stop_value: bool) -> List[Effect]:
+    """Return the effects of the calls with the other value than `stop_value` that show whether it starts.
+
+    Such a call counts only if the call before it had stopped the robot.
+    """
+    starts = []
+    for previous, effect in zip(effects, effects[1:]):
+        is_start = effect.call.data is not stop_value
+        if is_start and previous.stopped and not effect.drove_before:
+            starts.append(effect)
+    return starts
 
 
 def _judge_no_stop(

@@ -167,21 +167,27 @@ def _with_fault(
     elif fault in FAULTS:  # a fault that is not in FAULTS adds no sentence
         evidence = f"{FAULTS[fault]}; {evidence}"
     evidence += f"; at {wrong[0].at:.2f} s {fault_text(recording, wrong[0])}"
-    # a marker replaces an older marker only if topic, namespace and id are the same; otherwise RViz draws
-    # both
-    identities = {(marker.topic, marker.namespace, marker.id) for marker in added}
-    if len(identities) > 1:
+    # RViz may draw several markers at a moment, because a marker replaces an older marker only if topic,
+    # namespace and id are the same
+    number_drawn = len({(marker.topic, marker.namespace, marker.id) for marker in added})
+    if number_drawn > 1:
         # Half of the markers that RViz draws at a moment must be right (MOST). If half of the markers that
         # came are right, points are lost only because RViz still draws older ones.
         are_most_right = len(wrong) <= (1.0 - MOST) * len(added)
         if fault is None and are_most_right:
             fault = Kind.OLD_ONES
-        namespaces = {(marker.topic, marker.namespace) for marker in added}
-        holder = f"{len(namespaces)} topics and namespaces"
-        if len(namespaces) == 1:
-            holder = f"namespace '{added[0].namespace}'"
-        evidence += f"; {len(identities)} markers in {holder}, and half of the drawn ones must be right"
+        evidence += (
+            f"; {number_drawn} markers in {_holder_of(added)}, and half of the drawn ones must be right"
+        )
     return Placement(score, evidence, placement.at, fault)
+
+
+def _holder_of(markers: Sequence[MarkerSample]) -> str:
+    """Return the namespace of markers for a sentence, or the number of their topics and namespaces."""
+    namespaces = {(marker.topic, marker.namespace) for marker in markers}
+    if len(namespaces) == 1:
+        return f"namespace '{markers[0].namespace}'"
+    return f"{len(namespaces)} topics and namespaces"
 
 
 def _score_moments(markers: Sequence[MarkerSample], scores: Mapping[int, float]) -> List[Moment]:
