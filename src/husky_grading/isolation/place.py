@@ -20,6 +20,9 @@ from husky_highlevel_controller.datatypes import HuskyError
 # program cannot mount the folder there
 VARIABLE = "HUSKY_GRADE_PLACE"
 FOLDER = "/var/tmp"
+RESULTS = "hand_in"  # name of the neutral folder, which is in a folder of each user, see `make`
+# pattern of the neutral path of any user, with the slash that follows it
+NEUTRAL_PATH = re.compile(rf"{FOLDER}/marking_\d+/{RESULTS}(?:/|\b)")
 MS_BIND = 0x1000  # flag of mount(2)
 SAFE = re.compile(r"[\w./+,=@~-]*")  # pattern of a path that CMake and roslaunch accept without quotes
 
@@ -30,7 +33,7 @@ def make() -> str:
     The path is empty if the folder cannot be made.
     """
     parent = Path(FOLDER, f"marking_{os.getuid()}")
-    place = parent / "hand_in"
+    place = parent / RESULTS
     try:
         for folder in (parent, place):
             folder.mkdir(mode=0o755, exist_ok=True)

@@ -7,6 +7,7 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Iterable, Tuple
 
+from husky_grading.isolation.place import NEUTRAL_PATH
 from husky_highlevel_controller.paths import share_folder
 
 ROOT = Path("/")
@@ -15,13 +16,15 @@ ROOT = Path("/")
 def hide_places(text: str, folders: Iterable[Path]) -> str:
     """Return a text without the paths of these folders, of this package, of Python and of the home folder.
 
-    A path inside of a folder is cut to its part behind the folder. The path of a folder becomes its name.
+    A path inside of a folder is cut to its part behind the folder. The path of a folder becomes its name. The
+    neutral path of the results is removed, too. It is in the files of a marking that is judged again, perhaps
+    by another user.
     """
     # the root and the folder "." are not replaced, because "/" and "." are in most texts
     places = {*folders, *_own_places()} - {ROOT, Path()}
     for place in sorted(places, key=lambda place: len(str(place)), reverse=True):  # inner folders first
         text = text.replace(f"{place}/", "").replace(str(place), place.name)
-    return text
+    return NEUTRAL_PATH.sub("", text)
 
 
 @lru_cache(maxsize=1)

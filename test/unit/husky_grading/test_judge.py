@@ -71,6 +71,13 @@ def test_a_student_reads_no_path_of_the_marking_machine(problem, shown):
     assert unmarked(JOB, problem).problem == shown
 
 
+def test_a_marking_that_is_judged_again_at_the_teachers_folder_names_no_neutral_path_either():
+    problem = "its launch file names /var/tmp/marking_1000/hand_in/ws/src/a.rviz"
+    assert unmarked(replace(JOB, out="/home/me/results/ann"), problem).problem == (
+        "its launch file names ws/src/a.rviz"
+    )
+
+
 def test_a_package_whose_name_no_file_can_have_is_named_without_a_path(tmp_path):
     folder = tmp_path / "class" / "ann" / "p"
     folder.mkdir(parents=True)
