@@ -186,8 +186,8 @@ def _echoes(depths: np.ndarray, piece: _Piece, config: Lms1xxConfig) -> Tuple[np
         Ranges (N,) [m], 0 if there is no echo, and fractions (N,).
     """
     ranges, fractions = np.zeros(piece.beams), np.zeros(piece.beams)
-    # (N, S) distances of the S rays that sample the spot of each beam. The first ray of a spot is
-    # ray number RAYS_PER_BEAM times the number of its beam, so the spots overlap.
+    # (N, S) distances of the S rays that sample the spot of each beam. Beam b has the rays from number
+    # b * RAYS_PER_BEAM on, and S is larger than RAYS_PER_BEAM, so neighbouring spots share rays.
     depths_of_beams = np.lib.stride_tricks.sliding_window_view(depths, len(piece.offsets))[::RAYS_PER_BEAM]
     # The loop below goes on only with beams that have no strong echo yet. `beams` has the indices of these
     # beams; `depth` and `weights` have one row for each of them.
@@ -198,15 +198,7 @@ def _echoes(depths: np.ndarray, piece: _Piece, config: Lms1xxConfig) -> Tuple[np
     for _ in range(MAX_ECHOES):
         if not len(beams):
             break
-        # The nearest echo of a beam consists of its shortest ray, and of its rays that are longer by at most
-        # `echo_length`. A ray that meets nothing is inf; the limit FARTHEST keeps it out of the echo, also if
-        # all rays of the beam are inf.
-        longest = np.minimum(depth.min(axis=1) + config.echo_length, FARTHEST)
-        in_echo = depth <= longest[:, None]
-        light = np.where(in_echo, weights, 0.0)
-        fraction = light.sum(axis=1)
-        # mean of the distances, weighted by the light; 1e-12 avoids a division by zero
-        mean = (light * np.where(in_echo, depth, 0.0)).sum(axis=1) / np.maximum(fraction, 1e-12)
+        in_echo, mean, fraction = _nearest_echo(depth, weights, config.echo_length)
         # The lidar detects a dark surface (DARK_REMISSION) that fills the spot, up to DARK_RANGE. An echo is
         # strong enough if its light is not less than the light from there. The light falls with the square of
         # the distance.
@@ -220,6 +212,32 @@ def _echoes(depths: np.ndarray, piece: _Piece, config: Lms1xxConfig) -> Tuple[np
         is_weak = ~is_strong & has_light
         beams, depth, weights = beams[is_weak], depth[is_weak], weights[is_weak]
     return ranges, fractions
+
+
+def _nearest_echo(
+    depth: np.ndarray, weights: np.ndarray, echo_length: float
+) -> Tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return the nearest echo of each beam: its rays, the mean of their distances, and its light.
+
+    The echo consists of the beam's shortest ray, and of the rays that are longer by at most `echo_length`.
+
+    Args:
+        depth: distances of the rays of N beams (N, S) [m]; inf for a ray that does not count.
+        weights: fraction of the light of its spot that each ray carries (N, S).
+        echo_length: largest difference of the distances in an echo [m].
+
+    Returns:
+        True for the rays of the echo (N, S), mean distance (N,) [m], and fraction of the spot's light (N,). A
+        beam without an echo has no such ray, and the fraction 0.
+    """
+    # the limit FARTHEST keeps a ray of inf out of the echo, also if all rays of the beam are inf
+    longest = np.minimum(depth.min(axis=1) + echo_length, FARTHEST)
+    in_echo = depth <= longest[:, None]
+    light = np.where(in_echo, weights, 0.0)
+    fraction = light.sum(axis=1)
+    # mean of the distances, weighted by the light; 1e-12 avoids a division by zero
+    mean = (light * np.where(in_echo, depth, 0.0)).sum(axis=1) / np.maximum(fraction, 1e-12)
+    return in_echo, mean, fraction
 
 
 def _weights(depths: np.ndarray, offsets: np.ndarray, config: Lms1xxConfig) -> np.ndarray:
