@@ -78,6 +78,11 @@ class WheelContact(NamedTuple):
     surface_speed: float  # [m/s] backward speed of the tread at the ground, which is wheel speed times radius
 
 
+# x and y of a wheel as in WheelContact [m], its largest friction force [N], which is 0 for a wheel in the
+# air, and its `surface_speed` [m/s]; a plain tuple is fast, and each step makes one for each wheel
+_Tread = Tuple[float, float, float, float]
+
+
 def ground_forces(
     contacts: Sequence[WheelContact],
     velocity: Vector3,
@@ -132,15 +137,6 @@ def ground_forces(
     ]
 
 
-class _Tread(NamedTuple):
-    """Tread of a wheel on the ground."""
-
-    x: float  # position of the contact in base_link [m]
-    y: float
-    limit: float  # largest friction force [N]; 0 for a wheel in the air
-    speed: float  # speed of the tread forwards, by the turning of the wheel [m/s]
-
-
 def _treads(contacts: Sequence[WheelContact], mass: float, config: TractionConfig) -> List[_Tread]:
     """Return the tread of each wheel, with its largest friction force under its present load."""
     quarter_weight = mass * STANDARD_GRAVITY / 4.0  # [N] load of a wheel of a robot that stands on a level
@@ -150,7 +146,7 @@ def _treads(contacts: Sequence[WheelContact], mass: float, config: TractionConfi
         if load > 0.0:
             # the coefficient of friction of rubber is smaller if the load is larger
             limit = config.friction * load * (load / quarter_weight) ** LOAD_SENSITIVITY
-        treads.append(_Tread(x, y, limit, speed))
+        treads.append((x, y, limit, speed))
     return treads
 
 
@@ -173,7 +169,7 @@ def _velocity_after_step(
 
     Args:
         ks: force per slip of each wheel [N s/m].
-        treads: positions and speeds of the wheels.
+        treads: positions and surface speeds of the wheels.
         momentum: px, py [kg m/s] and pw [kg m^2/s] after a step without friction.
         mass: mass of the whole robot [kg].
         yaw_inertia: inertia of the whole robot about its centre of mass [kg m^2].
