@@ -270,7 +270,7 @@ def outcome(
     # so its distance is 0. Its time may have any value, such as 1 s, because its speed is 0 anyway.
     distances = np.hypot(*np.diff(poses[:, :2], axis=0, prepend=poses[:1, :2]).T)
     durations = np.diff(times, prepend=times[0] - 1.0)
-    speeds = distances / np.maximum(durations, 1e-9)
+    speeds = distances / np.maximum(durations, 1e-9)  # two poses may have the same time
     # the robot arrives directly after the last pose at which it still moves or is too far from the pillar
     rows_not_there = np.flatnonzero((speeds > STANDS) | (gaps > REACHED))
     arrival_row = int(rows_not_there[-1]) + 1 if len(rows_not_there) else 0

@@ -252,15 +252,15 @@ def evaluate(
         ),
         "Course start, default gains": course_figures(default_run, max_ratio=1.15),
         "Course start, the course's gains 0.1 and 0.4": course_figures(course_gains_run),
-        "Course start, stop_distance 0": touch_figures(touching_run),
-        f"{starts} random starts, 2-25 m away, default gains": start_figures(runs),
     }
     half_length, _ = robot_data.footprint.hull  # [m] x of the front of the body in base_link
     # [m] distance from the lidar to a pillar that touches the front of the robot
     range_at_touch = half_length - robot_data.lidar_mount.x
-    if range_at_touch <= lidar.range_min:
-        # this run is not reported, because this robot's lidar cannot see a pillar that touches the robot
-        del figures["Course start, stop_distance 0"]
+    # otherwise the lidar of this robot cannot see a pillar that touches the robot, so `touching_run` is not
+    # reported
+    if range_at_touch > lidar.range_min:
+        figures["Course start, stop_distance 0"] = touch_figures(touching_run)
+    figures[f"{starts} random starts, 2-25 m away, default gains"] = start_figures(runs)
     return figures
 
 
@@ -270,8 +270,8 @@ def evaluate_extraction(seed: int, scans: int, lidar: LidarConfig, workers: Work
     The scans show a pillar alone, a pillar among other objects, or other objects without a pillar.
     """
     numbers = range(scans)
-    # a process gets 50 scans at once, because one scan takes only a millisecond; if there are few scans, the
-    # groups are smaller, so that several processes get work
+    # a process gets 50 scans at once, because one scan takes only a millisecond; if there are few scans, they
+    # are sent in about four groups, so that several processes get work
     chunk = min(50, scans // 4 + 1)
     errors = partial(center_error, seed=seed, lidar=lidar)
     errors_alone = workers.map(partial(errors, clutter=False), numbers, "pillars alone", chunk)

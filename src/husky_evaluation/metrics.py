@@ -217,4 +217,5 @@ def crossings(trace: Trace) -> int:
     large = after_alignment[np.abs(after_alignment) >= ALIGNED]
     # the first bearing is small, but its sign shows the side from which the robot has turned to the pillar
     sides = np.sign(np.append(after_alignment[0], large))
+    sides = sides[sides != 0.0]  # a first bearing of exactly 0 is on no side
     return int((np.diff(sides) != 0.0).sum())  # number of changes of the side

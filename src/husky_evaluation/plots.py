@@ -44,7 +44,7 @@ Marks = Mapping[str, Sequence[float]]  # points to highlight in the picture: nam
 def draw_sweep(axes: Sequence[Axis], panels: Sequence[Panel], marks: Marks, title: str = "") -> bytes:
     """Draw panels with marks: curves over one axis, or heat maps over two axes. Return a PNG."""
     columns, rows = min(len(panels), 2), ceil(len(panels) / 2)
-    figure = new_figure(5.6 * columns, 4.6 * len(panels) / columns)
+    figure = new_figure(5.6 * columns, 4.6 * rows)
     plots = figure.subplots(rows, columns, squeeze=False).flat
     for plot, panel in zip(plots, panels):
         if len(axes) == 1:
@@ -167,7 +167,8 @@ def _heat_map(plot: Any, axes: Sequence[Axis], panel: Panel, marks: Marks) -> No
     else:
         plot.figure.colorbar(image, ax=plot)
     for set_ticks, axis in zip((plot.set_xticks, plot.set_yticks), axes):
-        # only every `step`-th cell has a tick if the axis has more than MAX_LABELLED values
+        # Only every `step`-th cell has a tick, so that at most MAX_LABELLED + 1 ticks are drawn. For example,
+        # 15 values have the step 1, and 16 to 31 values have the step 2.
         step = len(axis.values) // (MAX_LABELLED + 1) + 1
         set_ticks(range(0, len(axis.values), step), [f"{value:.3g}" for value in axis.values[::step]])
     _mark_points(plot, axes, marks)

@@ -124,7 +124,8 @@ def parse_range(text: str, base: Setup) -> Range:
     except ValueError:
         raise ConfigError(f"{name} = '{limits}' is not LOW:HIGH, such as {allowed}") from None
     for limit in (low, high):
-        # only a check: it raises an error if the limit is not allowed
+        # only a check: it raises an error if the limit is not allowed; a limit of a whole number is rounded
+        # below
         base.with_values({name: type(values[name])(limit)})
     if not low < high:
         raise ConfigError(f"{name} = {limits}: {low:g} is not below {high:g}")

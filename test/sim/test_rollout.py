@@ -102,6 +102,14 @@ def test_a_turn_past_a_pillar_not_yet_seen_is_no_swing():
     assert metrics.crossings(replace(swinging, bearing_errors=unseen)) <= 1
 
 
+def test_a_robot_that_faces_the_pillar_exactly_at_first_does_not_swing():
+    trace = rollout(NEAR, seconds=1.0)
+    away = 0.2 * (np.arange(len(trace.times)) > 0)  # [rad] from the second scan on, it looks to the left
+    yaw = np.arctan2(*(trace.pillars - trace.poses[:, :2]).T[::-1]) + away
+    turned = replace(trace, poses=np.column_stack([trace.poses[:, :2], yaw]), bearing_errors=0.0 * yaw)
+    assert metrics.crossings(turned) == 0
+
+
 def test_the_figures_do_not_depend_on_the_number_of_processes_and_a_missed_one_ends_with_1(
     capfd, monkeypatch, tmp_path
 ):

@@ -107,11 +107,7 @@ class Cluster:
                 # waits at most POLL_PERIOD, so that the list of workers is updated even if no group ends
                 for future in self._ended(running):
                     number = running.pop(future).number
-                    failure = future.exception() if future.status == "error" else None
-                    if isinstance(failure, KilledWorker):
-                        place = f"task {number + 1} of {len(groups)}"
-                        failure = HuskyError(f"every worker that did {place} ended: {failure}")
-                    yield number, _unpacked(future.result()) if failure is None else failure
+                    yield number, _answer_of(future, f"task {number + 1} of {len(groups)}")
         except (CommClosedError, CancelledError, OSError) as error:
             raise HuskyError(f"--cluster {self._address}: the scheduler has gone: {error}") from None
         finally:
@@ -259,6 +255,16 @@ def perform_packed(payload: bytes) -> bytes:
     """Do a group of tasks on a worker; the scheduler only sees bytes."""
     task, group = pickle.loads(payload)
     return pickle.dumps(perform(task, group))
+
+
+def _answer_of(future: Future, title: str) -> Union[Answer, BaseException]:
+    """Return the answer of a group that has ended, or the error; `title` names the group in the error."""
+    if future.status != "error":
+        return _unpacked(future.result())
+    failure: BaseException = future.exception()
+    if isinstance(failure, KilledWorker):
+        return HuskyError(f"every worker that did {title} ended: {failure}")
+    return failure
 
 
 def _unpacked(payload: bytes) -> Union[Answer, BaseException]:

@@ -99,8 +99,8 @@ def code_version() -> str:
         data = [path for path in (share / folder).rglob("*") if path.is_file()]
         files.update({path.relative_to(share).as_posix(): path for path in data})
     for name in sorted(files):
-        # generated code is left out; catkin adds it as src/PACKAGE/FOLDER/..., but only to an installed
-        # package
+        # Generated code is left out; catkin adds it as src/PACKAGE/FOLDER/..., but only to an installed
+        # package. No data file has a folder of such a name.
         _, _, *below_package = name.split("/")
         is_generated = bool(below_package) and below_package[0] in GENERATED
         if not is_generated:

@@ -73,10 +73,11 @@ def run_here(
             # go back to the front, in their order, and the next round makes another pool.
             lost = sorted(running.values())
             deaths.update(lost)
-            given_up = [number for number in lost if deaths[number] >= MAX_DEATHS]
-            if given_up:
-                # other groups may have been lost beside the cause; the cause has the most deaths
-                worst = max(given_up, key=lambda number: deaths[number])
+            at_limit = [number for number in lost if deaths[number] >= MAX_DEATHS]
+            if at_limit:
+                # other groups may have been lost beside the cause; only the cause, which has the most deaths,
+                # is given up
+                worst = max(at_limit, key=lambda number: deaths[number])
                 sentence = f"task {worst + 1} of {len(groups)} ended its process {MAX_DEATHS} times"
                 yield worst, HuskyError(sentence)
                 lost.remove(worst)
@@ -113,8 +114,9 @@ def _answers_of_pool(
     while waiting or running:
         while waiting:
             number = waiting[0]
-            # A group during which a process has died waits until the pool is empty. So such groups run one
-            # after another, and the one that is the cause gets more deaths than the others.
+            # A group during which a process has died waits until the pool is empty. So no two such groups run
+            # at the same time. If a process dies again, the group that is the cause gets another death, and
+            # the others that waited do not.
             if len(running) >= (1 if deaths[number] else most):
                 break
             running[pool.submit(perform, task, groups[number])] = number
