@@ -135,8 +135,8 @@ def find_unwritten_variable(
         )
         final_choice = robot  # robot that is simulated in the end
         if robot.is_guess:
-            # settings with the robot to whose scans the submission has subscribed; None if there is no such
-            # robot, and then `after_hearing` keeps the guess
+            # settings of the robot whose scans the submission receives; None if there is no such robot, and
+            # then `after_hearing` keeps the guess
             heard_config = robot_listened_to(network.uri, SIMULATOR_NODES, robot.config)
             final_choice = robot.after_hearing(heard_config)
         if final_choice.config != robot.config:  # the guess was wrong

@@ -102,7 +102,7 @@ def topics_subscribed(uri: str, our_nodes: Collection[str] = ()) -> Tuple[str, .
 
 
 def robot_listened_to(uri: str, our_nodes: Collection[str], config: MarkingConfig) -> Optional[MarkingConfig]:
-    """Return settings with the robot to whose scans a submission subscribes; None if there is no such robot.
+    """Return the settings of the robot whose scans a submission receives; None if there is no such robot.
 
     The robot of `config` is tried first. If no known robot sends scans on one of the topics, but the
     submission subscribes to exactly one topic of the type LaserScan, the robot is a Husky that sends its

@@ -96,7 +96,7 @@ def drive_submission(
         recorder = _start_recorder(network, task)
         simulator = bring_up(network, trial, robot.config, truth_socket)
         submitted, events_file = start_submission(network, submission)
-        # settings of the run, with the robot to whose scans the submission has subscribed
+        # settings of the run; their robot is the one whose scans the submission receives
         heard_config = _wait_until_it_takes_part(network, recorder, submission, submitted, robot)
         if heard_config != robot.config:  # the guess was wrong, and the caller repeats the run
             return Driven(robot.after_hearing(heard_config))
