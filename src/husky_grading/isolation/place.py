@@ -21,8 +21,7 @@ from husky_highlevel_controller.datatypes import HuskyError
 VARIABLE = "HUSKY_GRADE_PLACE"
 FOLDER = "/var/tmp"
 RESULTS = "hand_in"  # name of the neutral folder, which is in a folder of each user, see `make`
-# pattern of the neutral path of any user, with the slash that follows it
-NEUTRAL_PATH = re.compile(rf"{FOLDER}/marking_\d+/{RESULTS}(?:/|\b)")
+NEUTRAL_PATH = re.compile(rf"{FOLDER}/marking_\d+/{RESULTS}\b")  # pattern of the neutral path of any user
 MS_BIND = 0x1000  # flag of mount(2)
 SAFE = re.compile(r"[\w./+,=@~-]*")  # pattern of a path that CMake and roslaunch accept without quotes
 

@@ -17,14 +17,15 @@ def hide_places(text: str, folders: Iterable[Path]) -> str:
     """Return a text without the paths of these folders, of this package, of Python and of the home folder.
 
     A path inside of a folder is cut to its part behind the folder. The path of a folder becomes its name. The
-    neutral path of the results is removed, too. It is in the files of a marking that is judged again, perhaps
-    by another user.
+    neutral folder of the results counts as one of the folders. Its path is in the files of a marking that is
+    judged again, perhaps by another user.
     """
+    neutral_folders = map(Path, NEUTRAL_PATH.findall(text))
     # the root and the folder "." are not replaced, because "/" and "." are in most texts
-    places = {*folders, *_own_places()} - {ROOT, Path()}
+    places = {*folders, *neutral_folders, *_own_places()} - {ROOT, Path()}
     for place in sorted(places, key=lambda place: len(str(place)), reverse=True):  # inner folders first
         text = text.replace(f"{place}/", "").replace(str(place), place.name)
-    return NEUTRAL_PATH.sub("", text)
+    return text
 
 
 @lru_cache(maxsize=1)
