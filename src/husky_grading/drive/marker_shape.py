@@ -19,8 +19,8 @@ TEXT, MESH, TRIANGLES = 9, 10, 11
 LINES = {LINE_STRIP, LINE_LIST}
 LISTS = {*LINES, CUBE_LIST, SPHERE_LIST, POINTS, TRIANGLES}
 MAX_POINTS = 1000  # only the first points of a marker are evaluated, at most this number
-# [m] if the median distance of a marker's points from their mean is larger, the mean does not count as the
-# marker's position
+# [m] the mean of a marker's points counts as the marker's position only if the median distance of the points
+# from the mean is at most this
 MAX_SPREAD = 0.5
 # corners of a cube with edges of 1 m around the marker's origin
 _CORNERS = np.array([(x, y, z) for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])

@@ -308,9 +308,10 @@ def _judge_no_calls(items: Sequence[Item], recording: Recording, observed: Servi
 
 
 def _starts_after_stops(effects: Sequence[Effect], stop_value: bool) -> List[Effect]:
-    """Return the effects of the calls with the other value than `stop_value` that show whether it starts.
+    """Return the effects of the calls that ask a stopped robot to start.
 
-    Such a call counts only if the call before it had stopped the robot.
+    Such a call has the other value than `stop_value`. It counts only if the call before it has stopped the
+    robot, and if the robot still stands.
     """
     starts = []
     for previous, effect in zip(effects, effects[1:]):

@@ -69,8 +69,9 @@ LONGEST_DELAY = 10.0  # [s] wheel speeds are kept this long for IMU samples that
 # size of the vertical force is subtracted from the part above the limit. A larger vertical force counts as
 # this limit.
 SHOCK_FORCE = 6.0
-# [m/s] Ground with this vibration or more counts as fully rough, and ground with less vibration as partly
-# rough. A real Husky A200 measures 0.005 at rest and 0.03 on flooring.
+# [m/s] Ground with this vibration or more counts as fully rough. With less vibration, the roughness is the
+# fraction of this vibration that the IMU measures. A real Husky A200 measures 0.005 at rest, and 0.03 while
+# it drives on flooring.
 ROUGH_VIBRATION = 0.013
 # vibration of the ground may change the sideways velocity this many times more than the forward velocity,
 # because the body rolls on its tyres

@@ -94,8 +94,9 @@ class ScanPlacement:
         # newest scan that has come while the pending scan waits; it is the next pending scan
         self._next_scan: Optional[_PendingScan] = None
         self._has_placed = False  # true after the first observation
-        # Stamp of the newest transform of odometry when a scan had waited for too long; None if no scan has.
-        # As long as no newer transform comes, odometry counts as stopped, and later scans do not wait.
+        # None until a scan has waited for too long; then the stamp that the newest transform of odometry had
+        # at that moment. As long as no newer transform comes, odometry counts as stopped, and later scans do
+        # not wait.
         self._stamp_when_overdue: Optional[rospy.Time] = None
         self._clock_offset = ClockOffset(MIN_OFFSET)  # measures how far the scans' clock is from odometry's
         self._unplaced_scans = 0  # number of scans in a row without a pose of the lidar
