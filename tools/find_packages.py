@@ -26,6 +26,7 @@ from husky_highlevel_controller.dependencies import (
 
 PACKAGE = "husky_highlevel_controller"
 PACKAGE_FOLDER = Path(__file__).resolve().parents[1]
+NEIGHBOURHOOD = PACKAGE_FOLDER.parent  # folder that this clone lies in; packages next to the clone are found
 DEPTH = 4  # levels of folders that are searched below a place, as in ~/catkin_ws/src/repository/package
 MOST_FOLDERS = 20_000  # largest number of folders searched below a place; a home folder may have millions
 SYSTEM = {Path("/usr"), Path("/opt")}  # folders of packages that are installed
@@ -156,7 +157,7 @@ def find_file(package: str, file: str, caller: Path) -> Optional[Path]:
     if package in packages.list():
         folders_of_package.append(Path(packages.get_path(package)))
     if package != PACKAGE:  # another clone next to this one has the same files, but does not count
-        next_to_clone = packages_below(PACKAGE_FOLDER.parent)
+        next_to_clone = packages_below(NEIGHBOURHOOD)
         folders_of_package += [folder for name, folder in next_to_clone if name == package]
     folders_of_package.append(gazebo_packages.COMPAT / package)
     for folder in folders_of_package:
@@ -175,7 +176,7 @@ def add_packages(paths: Iterable[str], *starts: Path) -> List[str]:
     """Return a ROS_PACKAGE_PATH, followed by other packages around `starts` and next to this clone."""
     paths = list(paths)
     found: Dict[str, str] = {}
-    for place in (*places(*starts), PACKAGE_FOLDER.parent):
+    for place in (*places(*starts), NEIGHBOURHOOD):
         for name, folder in packages_below(place):
             found.setdefault(name, str(folder))
     known = {*rospkg.RosPack(paths).list(), PACKAGE}

@@ -70,7 +70,7 @@ def find_launch_file(words: List[str]) -> Tuple[Path, List[str]]:
         package, name, *others = words
         found = find_packages.find_file(package, name, Path.cwd())
         if found is None:
-            places = ", ".join(map(str, (*find_packages.places(Path.cwd()), PACKAGE_FOLDER.parent)))
+            places = ", ".join(map(str, (*find_packages.places(Path.cwd()), find_packages.NEIGHBOURHOOD)))
             raise SystemExit(
                 f"[dev] error: cannot find {name} of the package '{package}' in {places}, ROS_PACKAGE_PATH. "
                 f"Run ./dev launch PATH/{name}"

@@ -14,6 +14,15 @@ sys.path.append(str(ROOT / "tools"))
 import find_packages  # noqa: E402
 import run  # noqa: E402
 
+# program that does what tools/run.py does, but finds no packages next to this clone
+RUN_WITHOUT_NEIGHBOURS = f"""
+import sys
+from pathlib import Path
+sys.path.insert(0, {str(ROOT / "tools")!r})
+import find_packages, run
+find_packages.NEIGHBOURHOOD = Path({str(ROOT / "nothing")!r})
+run.main()
+"""
 MANIFEST = "<package><name>{}</name><version>0.0.0</version></package>"
 
 
@@ -25,9 +34,13 @@ def package(folder: Path, *files: str, name: str = "") -> Path:
 
 
 @pytest.fixture(autouse=True)
-def no_packages_of_the_caller(monkeypatch):
-    """Remove the packages of the shell that runs the tests, because one may have a name that a test uses."""
+def no_packages_of_this_machine(monkeypatch, tmp_path):
+    """Hide the packages of the shell that runs the tests, and those next to this clone.
+
+    One of them may have a name that a test uses.
+    """
     monkeypatch.setenv("ROS_PACKAGE_PATH", "")
+    monkeypatch.setattr(find_packages, "NEIGHBOURHOOD", tmp_path / "nothing")
 
 
 @pytest.fixture
@@ -108,6 +121,7 @@ def test_the_workspace_of_a_compiled_package_next_to_the_clone_is_sourced(tmp_pa
     (workspace / "devel").mkdir()
     (workspace / "devel" / "setup.bash").write_text("export SOURCED=yes\n")
     monkeypatch.setattr(find_packages, "PACKAGE_FOLDER", tmp_path / "clone")
+    monkeypatch.setattr(find_packages, "NEIGHBOURHOOD", tmp_path)
     monkeypatch.setattr(run.os, "execvp", lambda *_: None)
     monkeypatch.setattr(sys, "argv", ["run.py", "rosrun", "my_husky", "drive"])
     monkeypatch.delenv("SOURCED", raising=False)
@@ -145,7 +159,8 @@ def test_the_environment_of_a_command_has_packages_and_stand_ins(workspace):
     (workspace / "devel" / "setup.bash").write_text('export SOURCED="$1 it\'s\nhere"')
     command = [
         sys.executable,
-        str(ROOT / "tools" / "run.py"),
+        "-c",
+        RUN_WITHOUT_NEIGHBOURS,
         "bash",
         "-c",
         'echo "$SOURCED"; echo "$ROS_PACKAGE_PATH"',
