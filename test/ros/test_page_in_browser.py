@@ -341,6 +341,9 @@ def test_the_log_is_filtered_by_text(page, network):
 
 def test_at_arrival_the_page_offers_to_move_the_pillar_and_to_drive_again(page, robot):
     arrived = ".husky-state:has-text('at the pillar')"
+    # a page that has just been opened unfolds its panel from below
+    wait_until(lambda: box_of(page, ".husky-e-stop")["y"] < SIZE["height"] / 2.0, "the panel is unfolding")
+    page.wait_for_function("document.getAnimations().every(item => item.playState !== 'running')")
     before_arrival = box_of(page, ".husky-e-stop"), box_of(page, "[role=tab]")
     page.wait_for_selector(arrived)
     assert (box_of(page, ".husky-e-stop"), box_of(page, "[role=tab]")) == before_arrival, "nothing jumps"
@@ -354,7 +357,8 @@ def test_at_arrival_the_page_offers_to_move_the_pillar_and_to_drive_again(page, 
     wait_until(lambda: robot.jumped_to is not None, "the robot is put elsewhere")
     assert dist(robot.jumped_to, (0.0, 0.0)) < 0.1
     wait_until(lambda: robot.fastest > 0.5, "the robot drives")
-    assert dist(robot.objects["unit_cylinder"], (20.0, 5.0)) < 0.1
+    # the places of the objects are asked for, so on a busy machine they come later than the odometry
+    wait_until(lambda: dist(robot.objects["unit_cylinder"], (20.0, 5.0)) < 0.1, "the pillar is back")
 
 
 def test_another_world_is_loaded_and_the_first_again(page, robot):
