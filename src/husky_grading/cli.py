@@ -13,7 +13,7 @@ from husky_evaluation.tasks.command import (
     exit_codes,
     seed_value,
 )
-from husky_grading.batch import Batch, class_seed, mark_all, run_program
+from husky_grading.batch import Batch, class_seed, mark_all
 from husky_grading.exercises.catalogue import EXERCISES
 from husky_grading.isolation.process import stop_on_signals
 from husky_grading.records import (
@@ -27,6 +27,7 @@ from husky_grading.records import (
 )
 from husky_grading.reports.files import add_step_summary
 from husky_grading.reports.tables import to_result
+from husky_grading.run_jobs import run_program
 from husky_grading.settings import load_rules
 
 

@@ -1,12 +1,8 @@
 """Marking of a class: what a teacher sets and a student cannot, what is marked again, and what one costs."""
 
 import os
-import pickle
-import subprocess
-import sys
 from dataclasses import replace
 from pathlib import Path
-from types import SimpleNamespace
 
 import pytest
 from hand_ins import NODE, launch
@@ -16,14 +12,13 @@ from husky_evaluation.tasks.workers import Workers
 from husky_grading import batch as batch_module
 from husky_grading import cli
 from husky_grading import mark as mark_module
-from husky_grading.batch import Batch, class_seed, job_of, mark_all, run_program, run_there
+from husky_grading import run_jobs as run_jobs_module
+from husky_grading.batch import Batch, class_seed, job_of, mark_all
 from husky_grading.drive.trials import draw_trials
 from husky_grading.hand_in import build as build_module
 from husky_grading.hand_in import prepare as prepare_module
-from husky_grading.hand_in.archives import PackedPath
 from husky_grading.hand_in.class_folder import HandIn
 from husky_grading.isolation import files as files_module
-from husky_grading.isolation import process as process_module
 from husky_grading.judge import judge_again, unmarked
 from husky_grading.mark import mark
 from husky_grading.notes import Kind, Note
@@ -31,6 +26,7 @@ from husky_grading.recording import Recording, recording_to_json
 from husky_grading.records import GivenPoints, Launchable, MarkingConfig, Override, Rules
 from husky_grading.reports.files import FINGERPRINT, write_result
 from husky_grading.review import open_items
+from husky_grading.run_jobs import run_program
 from husky_grading.submission import WORKSPACE, Submission
 from husky_highlevel_controller.config import ConfigError, load, to_json
 from husky_highlevel_controller.datatypes import HuskyError, Pose2D
@@ -49,7 +45,7 @@ def jobs(monkeypatch):
         made.append(job)
         return unmarked(job, "it was not run")
 
-    monkeypatch.setattr(batch_module, "run_program", remember)
+    monkeypatch.setattr(run_jobs_module, "run_program", remember)
     return made
 
 
@@ -97,7 +93,7 @@ def test_a_hand_in_s_own_marking_yaml_gives_no_points_and_is_not_what_a_review_w
     mark_all(MarkingConfig(), batch)
     assert (jobs[0].override.points, jobs[0].override.hold) == ({}, False)
     assert "its marking.yaml is the student's, and does not count" in capsys.readouterr().err
-    monkeypatch.setattr(batch_module, "run_program", mark)
+    monkeypatch.setattr(run_jobs_module, "run_program", mark)
     (package / "package.xml").write_text("<package/>")
     mark_all(MarkingConfig(), batch)
     put(Path(jobs[0].out, "job.json"), batch_module.to_json(jobs[0]))
@@ -141,7 +137,7 @@ def test_another_deadline_or_robot_drives_again_and_what_changed_or_was_missing_
 
     monkeypatch.setattr(prepare_module, "build", build)
     monkeypatch.setattr(mark_module, "observe", observe)
-    monkeypatch.setattr(batch_module, "run_program", mark)
+    monkeypatch.setattr(run_jobs_module, "run_program", mark)
     first, second = (mark_all(MarkingConfig(deadline=each), batch) for each in (60.0, 40.0))
     assert (first[0].what, second[0].what) == ("husky/a.launch",) * 2
     assert (len(builds), driven) == (1, [60.0, 40.0])
@@ -202,7 +198,7 @@ def test_a_hand_in_that_cannot_be_marked_shows_no_drive_of_an_earlier_one_and_is
 @pytest.fixture
 def marked(batch, ann, monkeypatch):
     """A class whose only hand-in was driven before, and the folder of its result; nothing can be started."""
-    monkeypatch.setattr(batch_module, "run_program", None)
+    monkeypatch.setattr(run_jobs_module, "run_program", None)
     job = job_of(HandIn("ann", ann, "ann"), Override(), MarkingConfig(), batch)
     out = Path(job.out)
     notes = (Note(Kind.NO_NODE, "it starts no node of its own"),)
@@ -238,7 +234,7 @@ def test_a_typo_in_marking_yaml_is_told_and_costs_no_drive_also_where_it_comes_b
 
 def test_a_result_that_cannot_be_written_again_is_that_of_its_hand_in(marked, monkeypatch):
     batch, out = marked
-    monkeypatch.setattr(batch_module, "run_program", mark_or_fail)
+    monkeypatch.setattr(run_jobs_module, "run_program", mark_or_fail)
     (out / "table.txt").unlink()
     (out / "table.txt").mkdir()
     put(batch.folder / "bob" / "readme.txt", "no package")
@@ -280,7 +276,7 @@ def test_a_class_is_marked_whatever_its_files_are_called_or_however_many_and_wha
     tmp_path, capsys, monkeypatch
 ):
     monkeypatch.setattr(files_module, "MAX_ENTRIES", 10)
-    monkeypatch.setattr(batch_module, "run_program", mark_or_fail)
+    monkeypatch.setattr(run_jobs_module, "run_program", mark_or_fail)
     names = (b"M\xfcller", b"index.html", b"results.csv", b"bell\x1b[31m\x07")
     for name in (*names, b"Eve"):
         (tmp_path / "class" / os.fsdecode(name)).mkdir(parents=True)
@@ -309,13 +305,13 @@ def test_what_does_not_end_in_time_is_neither_tried_again_nor_judged_by_some_of_
 ):
     batch, out = marked
     (out / FINGERPRINT).unlink()
-    monkeypatch.setattr(batch_module, "run_program", run_program)
-    monkeypatch.setattr(batch_module, "DEADLINE", -1e6)
+    monkeypatch.setattr(run_jobs_module, "run_program", run_program)
+    monkeypatch.setattr(run_jobs_module, "DEADLINE", -1e6)
     (first,) = mark_all(MarkingConfig(), batch)
     assert first.problem.startswith("it was not graded within -")
-    monkeypatch.setattr(batch_module, "run_program", None)
+    monkeypatch.setattr(run_jobs_module, "run_program", None)
     assert mark_all(MarkingConfig(rules=Rules(reached=1.0)), batch) == [first]
-    monkeypatch.setattr(batch_module, "run_program", run_program)
+    monkeypatch.setattr(run_jobs_module, "run_program", run_program)
     (result,) = mark_all(MarkingConfig(), replace(batch, time_limit=0.001))
     assert result.problem == "it was not graded within 0.001 s; --time-limit sets this limit", (
         "as a teacher sets it"
@@ -337,67 +333,3 @@ def test_without_network_namespaces_hand_ins_are_marked_one_at_a_time(batch, mon
     mark_all(MarkingConfig(), replace(batch, jobs=4))
     assert numbers == [1]
     assert "grading one submission at a time" in capsys.readouterr().err
-
-
-def test_a_hand_in_is_marked_where_it_was_sent_and_its_results_come_back_but_not_what_it_made(
-    ann, batch, monkeypatch
-):
-    job = job_of(HandIn("ann", ann, "ann"), Override(), MarkingConfig(), batch)
-
-    def marked(job):
-        run_program(job)
-        for place in ("unpacked", "ws", "drive_1/submission"):  # as if made by it
-            for number in range(60):
-                put(Path(job.out, place, str(number)))
-
-    monkeypatch.setattr(batch_module, "run_program", marked)
-    monkeypatch.setattr(files_module, "MAX_ENTRIES", 50)
-    files = run_there(pickle.loads(pickle.dumps((job, PackedPath(ann)))))
-    assert not [place for place in files if place.startswith(("unpacked", "ws", "drive_1"))]
-    result = batch_module.write_outputs(files, job)
-    assert "has no catkin package" in result.problem
-    assert result.settings["exercise"] == 3
-    assert open_items(batch.out)[1] == batch.folder
-    assert (Path(job.out) / FINGERPRINT).read_text() == job.fingerprint
-
-
-@pytest.mark.parametrize(
-    ("shows_errors", "words"), [(False, "no_such_module"), (True, "(exit code 1): its errors are above")]
-)
-def test_a_marking_that_dies_is_a_problem_of_its_hand_in(job, monkeypatch, shows_errors, words):
-    monkeypatch.setattr(batch_module, "PROGRAM", "no_such_module")
-    result = run_program(job, shows_errors)
-    assert result.problem.startswith("the grader failed on ")
-    assert words in result.problem
-    assert not Path(job.out, FINGERPRINT).exists()
-
-
-def test_marking_and_reviewing_import_nothing_of_the_folder_they_are_called_in_or_write_to(
-    job, tmp_path, monkeypatch
-):
-    for folder in (tmp_path, Path(job.out)):
-        put(folder / "yaml.py", "raise SystemExit('imported')")
-    monkeypatch.chdir(tmp_path)
-    assert "has no catkin package" in run_program(job).problem
-    command = [sys.executable, Path(__file__).parents[3] / "scripts" / "grade", "--review", "nothing"]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
-    assert done.returncode == 2
-    assert str(tmp_path / "nothing") in done.stderr
-    assert "imported" not in done.stderr
-
-
-def test_a_marking_that_is_stopped_may_clean_up(job, tmp_path, monkeypatch):
-    put(
-        tmp_path / "module" / "slow_marking.py",
-        # a suite that runs in the background of a script inherits an ignored SIGINT
-        "import pathlib, signal, sys, time\nsignal.signal(signal.SIGINT, signal.default_int_handler)\n"
-        "up = pathlib.Path(sys.argv[1]).with_name('up')\n"
-        "try:\n    up.touch()\n    time.sleep(1000.0)\nfinally:\n    up.unlink()\n",
-    )
-    monkeypatch.setenv("PYTHONPATH", f"{tmp_path / 'module'}:{os.environ['PYTHONPATH']}")
-    monkeypatch.setattr(batch_module, "PROGRAM", "slow_marking")
-    up = Path(job.out, "up")
-    monkeypatch.setattr(process_module, "STOP_REQUESTED", SimpleNamespace(is_set=up.exists))
-    with pytest.raises(process_module.StoppedError):
-        run_program(job)
-    assert not up.exists()
