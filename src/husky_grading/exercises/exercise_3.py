@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import List, NamedTuple, Optional, Sequence, Set, Tuple
+from typing import List, Optional, Sequence, Set, Tuple
 
 import numpy as np
 
@@ -23,7 +23,6 @@ from husky_grading.rubrics.causes import (
     causes,
     first_cause,
     hint_on,
-    moves_nothing,
     with_cause,
 )
 from husky_grading.rubrics.items import by_hand, forfeited, over_trials, weighted
@@ -37,7 +36,8 @@ from husky_grading.rubrics.rviz_view import (
     hint_on_view,
     without_config,
 )
-from husky_highlevel_controller.course import STANDS, TOUCH
+from husky_grading.rubrics.steering import explain_steering
+from husky_highlevel_controller.course import TOUCH
 from husky_highlevel_controller.datatypes import TrueState
 
 HALF_WAY = 0.5  # a robot that covers this fraction of the way to the pillar gets all points for the approach
@@ -48,13 +48,6 @@ HALF_WAY = 0.5  # a robot that covers this fraction of the way to the pillar get
 PASSING_FRACTION, MIN_PASSING = 0.1, 1.0
 # a robot that covers at least this fraction of the way, but less than HALF_WAY, gets half of the points
 FIRST_STEPS = 0.1
-# The pillar is to the side of the robot if the absolute sine of its bearing is above ASIDE. The robot should
-# then turn towards the pillar. The turns are right if more than the fraction MOSTLY of them lead towards the
-# pillar. If at most the fraction 1 - MOSTLY of them do, angular.z has the wrong sign.
-ASIDE, MOSTLY = 0.1, 0.6
-# the robot turns to one side all the time if the fraction ONE_WAY of its turns goes to this side; turns
-# slower than TURNS_ON [rad/s] do not count
-TURNS_ON, ONE_WAY = 0.05, 0.9
 STOPPED = 1.0  # [s] a robot has stopped if it has been at rest for at least this time at the end of the run
 DEADLINE_MARGIN = 0.1  # [s] a run that ends this close to its deadline was ended by the deadline
 LATELY = 1.0  # [s] time at the end of a run over which the speed of the approach to the pillar is measured
@@ -80,13 +73,6 @@ NO_RUN = "there was no run"
 # hints
 STOPS = "compare the velocities that you send at this moment with the distance that you compute"
 SLOW = "drive faster while the pillar is far away"
-TURNS = "check the sign of angular.z: positive turns left, and the angle is in the lidar's own frame"
-SWERVES = (
-    "print the angle that you compute and angular.z, because these turns do not follow the pillar's angle"
-)
-NO_TURN = "set angular.z from the pillar's angle; a gain that is read into an int is cut to 0"
-NO_SPEED = "set linear.x, too"
-BACKWARDS = "check the sign of linear.x: positive drives ahead"
 NO_MARKER = (
     "publish the marker in each callback of the scans; look for a condition, or an exception of TF that is "
     "caught, before the call of publish"
@@ -121,15 +107,6 @@ class PillarWatch(Watch):
         return self._end.reason(state.abandoned)
 
 
-class Explanation(NamedTuple):
-    """Probable mistake behind a loss of points."""
-
-    ending: str  # end of the sentence in the report, such as "; it drives backwards"; may be empty
-    hint: str
-    # true if the robot turned away from a pillar to its side, and did not only drive straight on
-    is_seen_to_turn_away: bool = False
-
-
 def judge_approach(recording: Recording) -> Item:
     """Grade whether the robot drives towards the pillar: 20 points.
 
@@ -153,7 +130,7 @@ def judge_approach(recording: Recording) -> Item:
         stays_far = gaps[nearest] > max(PASSING_FRACTION * first_gap, MIN_PASSING)
         drives_past = gaps[-1] > gaps[nearest] + MIN_PASSING
         if stays_far and drives_past:
-            ending, hint, _ = _explain_steering(recording)
+            ending, hint, _ = explain_steering(recording)
             evidence += f", but it drives past the pillar, {gaps[nearest]:.2f} m away{ending}"
             return replace(item, points=10.0, evidence=evidence, at=float(times[nearest]), hint=hint)
         return replace(item, points=20.0, evidence=evidence, at=half_time)
@@ -202,7 +179,7 @@ def _explain_short_way(recording: Recording) -> Tuple[str, str]:
     explanation is a mistake in the steering, or the stop itself.
     """
     cause = cause_of_stop(recording)
-    ending, hint, turns_away = _explain_steering(recording)
+    ending, hint, turns_away = explain_steering(recording)
     if cause is not None:
         # Many nodes send no command while the pillar is out of sight. If the robot has first turned away from
         # the pillar, the missing commands only follow from the turn, so the hint is the one on the turns.
@@ -212,62 +189,6 @@ def _explain_short_way(recording: Recording) -> Tuple[str, str]:
     if has_stopped and not turns_away:
         return "", STOPS
     return ending, hint
-
-
-def _explain_steering(recording: Recording) -> Explanation:
-    """Return the probable mistake of a robot that moves, but misses the pillar.
-
-    A speed or a rate of turn may be always 0, or the speed negative. If neither is so, `_explain_turns`
-    compares the directions of the turns with the side on which the pillar is.
-    """
-    if moves_nothing(recording.fastest):  # largest speed of all commands
-        return Explanation(ending="; linear.x is 0 in all commands", hint=NO_SPEED)
-    # speeds (M,) [m/s] and rates of turn (M,) [rad/s], positive to the left, while the robot moves
-    speeds, turns = recording.speeds[recording.moving].T
-    if float(np.median(speeds)) < -STANDS:
-        return Explanation(ending="; it drives backwards", hint=BACKWARDS)
-    if moves_nothing(recording.sharpest):  # largest rate of turn of all commands
-        return Explanation(ending="; it never turns: angular.z is 0 in all commands", hint=NO_TURN)
-    return _explain_turns(recording, speeds, turns)
-
-
-def _explain_turns(recording: Recording, speeds: np.ndarray, turns: np.ndarray) -> Explanation:
-    """Return the probable mistake of a robot that drives ahead and turns, but misses the pillar.
-
-    Args:
-        recording: recording of the run.
-        speeds: (M,) [m/s] speeds while the robot moves.
-        turns: (M,) [rad/s] rates of turn at the same moments, positive to the left.
-    """
-    dx, dy = (np.array(recording.pillar) - recording.poses[:, :2]).T
-    # (M,) [rad] direction of the pillar seen from the robot, positive to the left
-    bearings = (np.arctan2(dy, dx) - recording.poses[:, 2])[recording.moving]
-    # The sine is positive while the pillar is to the left. It needs no angle between -pi and pi.
-    sines = np.sin(bearings)
-    is_aside = np.abs(sines) > ASIDE
-    # for each moment with the pillar to the side, true if the robot turns towards the pillar
-    turns_to_pillar = np.sign(sines[is_aside]) == np.sign(turns[is_aside])
-    # If the pillar is never to the side, this fraction is 0. So a robot that drives straight away from the
-    # pillar gets the hint on a wrong sign.
-    fraction_to_pillar = float(np.mean(turns_to_pillar)) if len(turns_to_pillar) else 0.0
-    if fraction_to_pillar > MOSTLY:
-        speed = float(np.median(np.abs(speeds[is_aside])))
-        hint = f"it turns towards the pillar, but too slowly for {speed:.1f} m/s: a larger gain, or slower "
-        return Explanation(ending="", hint=f"{hint}while the angle is large")
-    if fraction_to_pillar <= 1.0 - MOSTLY:  # the sign of angular.z is wrong
-        # only fast turns prove that the robot turned away, and did not drive straight on
-        fast_turns_to_pillar = turns_to_pillar[np.abs(turns[is_aside]) > TURNS_ON]
-        turns_away = len(fast_turns_to_pillar) > 0 and float(np.mean(fast_turns_to_pillar)) <= 1.0 - MOSTLY
-        return Explanation(ending="", hint=TURNS, is_seen_to_turn_away=turns_away)
-    # the robot turns sometimes towards the pillar and sometimes away from it
-    fast_turns = turns[np.abs(turns) > TURNS_ON]
-    ending = ""
-    if len(fast_turns):
-        fraction_left, fraction_right = np.mean(fast_turns > 0.0), np.mean(fast_turns < 0.0)
-        if max(fraction_left, fraction_right) >= ONE_WAY:
-            side = "left" if fast_turns[0] > 0.0 else "right"
-            ending = f"; it turns {side} all the time"
-    return Explanation(ending, hint=SWERVES)
 
 
 def judge_arrival(
@@ -322,7 +243,7 @@ def _judge_miss(item: Item, recording: Recording, rules: Rules, approach: Option
     elif cause:
         ending, hint = as_ending(cause), hint_on(cause)
     elif gaps[-1] > gaps[nearest] + AWAY_FROM_NEAREST:  # the robot has driven away again
-        ending, hint, _ = _explain_steering(recording)
+        ending, hint, _ = explain_steering(recording)
     else:
         hint = STOPS
     return replace(item, evidence=evidence + ending, at=at, hint=hint)

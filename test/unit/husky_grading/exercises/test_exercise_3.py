@@ -12,6 +12,7 @@ from husky_grading.exercises import exercise_3
 from husky_grading.exercises.exercise_3 import find_placements, judge_approach, judge_arrival, judge_place
 from husky_grading.notes import Kind, Note
 from husky_grading.records import DEFAULT_RULES, Rules
+from husky_grading.rubrics import steering
 from husky_grading.rubrics.causes import hint_on
 
 
@@ -123,7 +124,7 @@ def test_a_robot_that_turns_away_and_then_stops_is_told_the_sign(rate, more):
     recording = turning(rate, **more)
     item = judge_approach(recording)
     assert item.points == 0.0
-    assert (item.hint == exercise_3.TURNS) == (rate < 0.0), item
+    assert (item.hint == steering.TURNS) == (rate < 0.0), item
     assert judge_arrival(recording, approach=item).hint == item.hint
     assert ("then none" in item.evidence) == bool(more)
 
