@@ -18,7 +18,9 @@ from husky_web.viser_private import place, show_in_page
 
 SIDES = 48  # number of straight sides with which the round rim of the ground and the sky's dome are drawn
 RADIUS = 400.0  # [m] distance from the robot to the horizon
-HAZE_BEGINS = 120.0  # [m] distance from the robot at which the ground already has most of the haze's colour
+# from the distance NEAR_HAZE [m] to the horizon, the ground is hazy: at NEAR_HAZE its colour is mixed with
+# 75 % of the haze's colour, and at the horizon it has the haze's colour
+NEAR_HAZE = 120.0
 # [m] up to CHECKER from the robot, the ground has a checker pattern; it has a line every SECTION, and LINE is
 # half the width of a line
 CHECKER, SECTION, LINE = 25, 5, 0.03
@@ -185,7 +187,7 @@ def _surroundings(look: Look) -> Tuple[np.ndarray, np.ndarray]:
     # visible
     square = circle / np.abs(circle).max(axis=1, keepdims=True)
     rings = [((CHECKER - 0.5) * square - (0.0, 0.0, 0.01), look.ground)]
-    rings.append((HAZE_BEGINS * circle, _mix(look.ground, look.haze, 0.75)))
+    rings.append((NEAR_HAZE * circle, _mix(look.ground, look.haze, 0.75)))
     rings.append((RADIUS * circle, look.haze))
     # Elevation [deg] of each ring of the sky, and fraction of the zenith's colour in the colour of the ring.
     # The numbers are chosen by eye. The ring at elevation 0 has the position of the ring before it, but the

@@ -50,7 +50,8 @@ CURVES_PERIOD = 1.0  # [s] time between two updates of curves and of the log
 NETWORK_PERIOD = 3.0  # [s] time between two questions to the ROS master for all published topics
 # number of bytes that are read from the end of rosout.log; a line has about 700 bytes
 ROSOUT_BYTES = 1_000_000
-IDLE_PERIOD = 1.0  # [s] while no page is open, the node checks after each of these periods if it must end
+# [s] while no page is open, the node checks once per IDLE_PERIOD whether it must end
+IDLE_PERIOD = 1.0
 
 # text that viser_client.js shows instead of viser's own warning, because the warning would cover the scene
 SOFTWARE = (

@@ -46,7 +46,9 @@ MAX_NAMESPACES = 6
 # markers get all points if they are right for the fraction ALWAYS of the time or more, and none for NEVER or
 # less; linear in between
 ALWAYS, NEVER = 0.8, 0.2
-MAX_DURATION = 0.2  # [s] one moment counts for at most this time, which is two periods of the slowest lidar
+# [s] a marker counts from the moment at which it came until the next one comes, but at most for this time,
+# which is two periods of the slowest lidar
+MAX_DURATION = 0.2
 
 
 class Moment(NamedTuple):

@@ -254,8 +254,9 @@ class Simulation:
         and no contacts, because they belong to a step.
         """
         yaw_rate, step = self._equipment.imu.yaw_rate, self._steps_since_reset
-        # Without a reading of the wheels, the sample contains the last reading. `sample` gives the copy new
-        # records and changes no record, so a shallow copy is enough.
+        # The method `sample` changes the odometer. So a copy of the odometer makes the sample, and the
+        # odometer itself stays as it is. A shallow copy is enough, because `sample` only assigns new objects
+        # to the attributes. Without a reading of the wheels, the sample contains the last reading.
         odometry = copy(self._odometer).sample(wheels=None, yaw_rate=yaw_rate, step=step)
         samples = {}
         for sensor in self._equipment.sensors:

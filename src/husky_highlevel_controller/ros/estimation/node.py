@@ -172,9 +172,9 @@ class LocalizationNode:
         Otherwise an input that sends only such messages would never become silent, and the filter would wait
         for it forever. `heard_before` is the wall time of its last good message [s].
         """
-        # `_on_message` sets inf while it takes a message. If the value before was inf, another thread took a
-        # message of this input at the same moment, and the time of the last good message is unknown. 0 lets
-        # the input count as silent until a good message comes.
+        # While a thread takes a message of the input, its value in `_heard_at` is inf. So if `heard_before`
+        # is inf, two threads handled messages of this input at the same time. The time of the last good
+        # message is then unknown. The time 0 makes the input silent until a good message comes.
         self._heard_at[name] = heard_before if heard_before < inf else 0.0
 
     def _add(self, name: str, msg: Any, mounting: Mounting) -> bool:
