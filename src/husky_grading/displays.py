@@ -15,7 +15,7 @@ MARKER, MARKER_ARRAY = "rviz/Marker", "rviz/MarkerArray"
 MARKERS = {MARKER, MARKER_ARRAY}
 BASE = "base_link"  # frame of the robot
 MAX_TEXT = 200  # longer names of topics, frames and namespaces are cut to this number of characters
-MAX_DISPLAYS = 500  # only so many displays and groups of a configuration are read
+MAX_DISPLAYS = 500  # at most this number of displays and groups of a configuration is read
 
 
 @dataclass(frozen=True)

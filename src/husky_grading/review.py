@@ -41,8 +41,8 @@ from husky_highlevel_controller.drawing.templates import render
 PAGE = "review.html"
 KEYS = 9  # number of keys for points; key 1 gives no points, key 9 gives all points
 MAX_CODE = 200_000  # [bytes] largest source file that is searched
-MAX_SOURCES = 500  # only so many source files of a submission are searched
-MAX_LINE = 500  # only so many characters of a line are searched and shown
+MAX_SOURCES = 500  # at most this number of source files of a submission is searched
+MAX_LINE = 500  # only the first characters of a line, at most this number, are searched and shown
 BEFORE, AFTER = 6, 18  # number of lines of an excerpt before and after the line that was found
 SOURCES = {"", ".py", ".cpp", ".cc", ".cxx", ".hpp", ".h", ".launch"}
 # pattern of the line of code that the page shows for an item, by the subject of the item; for displays, the

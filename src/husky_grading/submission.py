@@ -36,7 +36,7 @@ OWN_RVIZ = ("husky_rviz", "gazebo_gui")  # names of the RViz nodes in this packa
 SIMULATOR_NODES = ("/husky_simulator",)
 # folder of packages that replace Gazebo's packages; their launch files start our simulator
 COMPAT = share_folder() / "compat"
-# only so many events of a run are read, because a submission can write any number of events
+# at most this number of events of a run is read, because a submission can write any number of events
 MAX_EVENTS = 10_000
 
 

@@ -32,7 +32,7 @@ def make_mesh(vertices: np.ndarray, faces: np.ndarray, source: str = "") -> Tria
 
 
 def simplified(mesh: TriangleMesh, most: int) -> TriangleMesh:
-    """Return the mesh if it has at most `most` faces, or otherwise a coarser mesh that has at most so many.
+    """Return the mesh, or a coarser mesh if it has more than `most` faces.
 
     Space is divided into cubic cells, and all corners in one cell become one corner.
     """

@@ -53,7 +53,7 @@ from husky_web.topics import Topics
 from husky_web.viser_private import place
 
 POINT_SIZE = 0.05  # [m] size of the scan's points
-RAYS = 60  # largest number of beams that are drawn; so few are enough to show which beams meet an object
+RAYS = 60  # largest number of beams that are drawn; they are enough to show which beams meet an object
 # [m] distance between two points of the trail; largest number of its points
 TRAIL_STEP, TRAIL_POINTS = 0.25, 1000
 LINE_WIDTH, TRAIL_WIDTH = 0.03, 0.015  # [m]

@@ -35,5 +35,5 @@ class Exercise:
     watch: Callable[[Recording, RosAccess], Watch] = Watch
 
     def number_of_runs(self, trials: int) -> int:
-        """Return the number of runs, if a teacher asks for so many trials."""
+        """Return the number of runs, if a teacher asks for this number of trials."""
         return trials if self.random_starts else 1

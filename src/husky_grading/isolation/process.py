@@ -185,7 +185,7 @@ def stop_on_signals() -> None:
 
 
 def wait(condition: Callable[[], bool], seconds: float, period: float = 0.05) -> bool:
-    """Wait until a condition holds, and return whether it held within so many seconds of wall time.
+    """Wait until a condition holds, and return whether it held within `seconds` of wall time.
 
     The condition is checked once per period [s].
 
@@ -203,10 +203,9 @@ def wait(condition: Callable[[], bool], seconds: float, period: float = 0.05) ->
 
 
 def wait_and_kill(process: Process, seconds: float, period: float = 0.05) -> bool:
-    """Wait until a process ends, at most so many seconds; then kill it and all that it has left running.
+    """Wait until a process ends, at most `seconds` of wall time, and return whether it ended in time.
 
-    Returns:
-        Whether it ended in time.
+    In both cases, the process and all programs that it has left running are killed then.
 
     Raises:
         StoppedError: marking was interrupted.

@@ -33,12 +33,12 @@ ACTIONS = {Marker.ADD: ADD, Marker.DELETE: DELETE, Marker.DELETEALL: DELETE_ALL}
 PERIOD = 0.019
 # if more than CROWD markers came at the same time, PERIOD becomes longer, in proportion to their number
 CROWD = 10
-MAX_SAMPLES = 50_000  # only so many markers of a run are recorded
+MAX_SAMPLES = 50_000  # at most this number of markers of a run is recorded
 # if all recorded markers of a run have more points together, the further points are cut off
 MAX_ALL_POINTS = 500_000
 MAX_MESSAGE = 2_000_000  # [bytes] largest message of markers that is read
-MAX_TOPICS = 50  # markers of at most so many topics are recorded
-MAX_FRAMES = 5000  # at most so many frames of TF are recorded
+MAX_TOPICS = 50  # markers of at most this number of topics are recorded
+MAX_FRAMES = 5000  # at most this number of frames of TF is recorded
 # number of characters after which the name of a namespace or frame is cut off; a topic with a longer name is
 # ignored
 MAX_NAME = 200

@@ -66,7 +66,7 @@ VELOCITY_TOPICS = ("cmd_vel", *(load_robot(name).topics.wheel_command for name i
 # [bytes] limit for the memory of the recorder, because a submission may send huge messages; the stacks of the
 # recorder's threads alone take some hundred million bytes
 MEMORY = 2_000_000_000
-MAX_VIOLATIONS = 5  # only so many broken rules are reported
+MAX_VIOLATIONS = 5  # at most this number of broken rules is reported
 # largest number of topics whose messages the exercise gets by `on_message`, and queue length of each topic
 MAX_FOLLOWED, FOLLOWED_QUEUE = 10, 50_000
 HITS_PERIOD = 1.0  # [s] the recorder keeps one scan in each period of simulated time, for the pictures

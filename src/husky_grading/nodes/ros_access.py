@@ -36,9 +36,10 @@ TYPE_CALLER = "/rosservice"
 # a service whose name ends like this comes from ROS itself, so its type is not requested; a tf2_ros.Buffer
 # offers tf2_frames
 EVERY_NODES_SERVICES = ("/get_loggers", "/set_logger_level", "/set_parameters", "/tf2_frames")
-# the types of at most so many services are requested, because each request has its own thread
+# the types of at most this number of services are requested, because each request has its own thread
 MAX_SERVICES = 100
-MAX_DESCRIPTION = 2_000_000  # only so many characters of a robot description are searched
+# at most this number of characters of a robot description is searched
+MAX_DESCRIPTION = 2_000_000
 # start of a link in a URDF, with its name
 _LINK = re.compile(r"<link\s{1,20}name\s{0,5}=\s{0,5}[\"']([^\"'<]{1,200})[\"']")
 

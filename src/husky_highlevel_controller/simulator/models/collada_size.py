@@ -43,8 +43,8 @@ class _Scene:
             if _tag(element) in ("node", "geometry"):
                 self._elements_by_id.setdefault(element.get("id", ""), []).append(element)
         self._sizes: Dict[ElementTree.Element, SceneSize] = {}  # sizes that are known so far
-        # elements whose sizes are being computed; an element that is needed again before it is finished
-        # contains itself
+        # Elements whose sizes are being computed. If the size of an element is needed to compute the size of
+        # the same element, the element contains itself, which is an error of the file.
         self._unfinished: Set[ElementTree.Element] = set()
 
     def size(self) -> SceneSize:
