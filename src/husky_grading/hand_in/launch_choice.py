@@ -7,7 +7,19 @@ import re
 from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path, PurePosixPath
-from typing import Any, Collection, FrozenSet, Iterable, Iterator, List, Mapping, Sequence, Set, Tuple
+from typing import (
+    Any,
+    Collection,
+    FrozenSet,
+    Iterable,
+    Iterator,
+    List,
+    Mapping,
+    NamedTuple,
+    Sequence,
+    Set,
+    Tuple,
+)
 
 from husky_grading.hand_in.copies import Folders
 from husky_grading.hand_in.facts import Facts
@@ -52,6 +64,13 @@ SCAN = re.compile(r"LaserScan|PointCloud2")  # message types of scans
 # message types of scans and velocities; the code of a solution names at least one of them
 SCAN_OR_VELOCITY = re.compile(r"LaserScan|PointCloud2|Twist")
 SOURCES = {"", ".py", ".cpp", ".cc", ".cxx", ".hpp", ".h"}
+
+
+class FoundFile(NamedTuple):
+    """A launch file that was found in a submission; its content is not read yet."""
+
+    path: Path  # path of the file on this machine
+    place: PurePosixPath  # path of the file in the submission
 
 
 @dataclass(frozen=True)
@@ -104,37 +123,39 @@ def read_launch_files(
         NotMarkableError: no file, or more than one, fits the launch file that the teacher names.
     """
     folders = own_copies.packages
-    found = _launch_files(contents, packages, {**public_copies.packages, **folders}, own_copies.root)
-    files = list(islice(found, MAX_READ))  # path of each copy, and the file's path in the submission
+    all_files = _launch_files(contents, packages, {**public_copies.packages, **folders}, own_copies.root)
+    files = list(islice(all_files, MAX_READ))
     if override.launch is not None:
         files = [_only_file(files, override.launch)]
-    scanning, driving = _packages_by_messages(packages, folders)
-    containing_packages = [_package_around(path, folders) for path, _ in files]
-    # a launch file that is in no package is started as a file of the first package; any package will do,
-    # because roslaunch gets the path of the file
+    scanning_packages, driving_packages = _packages_by_messages(packages, folders)
+    # package of the student that contains each launch file; empty for a launch file that is in no package
+    containing_packages = [_package_around(file.path, folders) for file in files]
+    # A launchable needs a package. For a launch file that is in no package, any package will do, because
+    # roslaunch gets the path of the file. So such a launch file gets the first package.
+    first_package = next(iter(folders), "")
     launchables = [
-        Launchable("launch", containing or next(iter(folders)), str(path), override.arguments)
-        for (path, _), containing in zip(files, containing_packages)
+        Launchable("launch", package or first_package, str(file.path), override.arguments)
+        for file, package in zip(files, containing_packages)
     ]
     planned = plans(launchables, workspace, own_copies.root.with_name("plan"), robot_packages)
     # Packages whose nodes show that a launch file is for the exercise. In exercise 4, these are packages of
     # ROS: the filter that the student's launch file starts, and rosbag, which plays the recording. In other
     # exercises, these are the student's packages.
-    exercise_packages = {*robot_packages.by_submission, *robot_packages.by_marking}
-    if not exercise_packages:
-        exercise_packages = set(folders)
+    ros_packages = {*robot_packages.by_submission, *robot_packages.by_marking}
+    exercise_packages = ros_packages or set(folders)
     launch_files = []
-    for (path, place), containing, plan in zip(files, containing_packages, planned):
-        nodes = _nodes_of_packages(exercise_packages, path, plan)
-        # The RViz configuration is searched in the package that owns the launch file. A launch file in no
-        # package belongs to the package of its first node. Without a node, it belongs to the first package.
-        possible_owners = [containing, *map(_package_of, nodes), *folders]
-        owners = [name for name in possible_owners if name in folders]
+    for file, package, plan in zip(files, containing_packages, planned):
+        nodes = _nodes_of_packages(exercise_packages, file.path, plan)
         launch_file = LaunchFile(
-            path, place, owners[0], plan, nodes,
-            scans=any(_package_of(node) in scanning for node in nodes), driving_packages=driving,
-            is_template=bool(containing) and _is_template(path, folders[containing], containing),
-        )  # fmt: skip
+            file.path,
+            file.place,
+            _owner(package, nodes, folders),
+            plan,
+            nodes,
+            scans=any(_package_of(node) in scanning_packages for node in nodes),
+            driving_packages=driving_packages,
+            is_template=bool(package) and _is_template(file.path, folders[package], package),
+        )
         launch_files.append(launch_file)
     return launch_files
 
@@ -142,6 +163,22 @@ def read_launch_files(
 def _package_around(path: Path, folders: Mapping[str, Path]) -> str:
     """Return the name of the package whose folder contains a file; empty if no package contains the file."""
     return next((name for name, folder in folders.items() if folder in path.parents), "")
+
+
+def _owner(containing_package: str, nodes: Sequence[str], folders: Mapping[str, Path]) -> str:
+    """Return the package that owns a launch file; RViz's configuration is searched in this package.
+
+    The owner is the package that contains the launch file. If the launch file is in no package, the owner is
+    the package of the first node that is from a package of the student. If there is no such node either, the
+    owner is the first package.
+
+    Args:
+        containing_package: package that contains the launch file; empty if it is in no package.
+        nodes: nodes that the launch file starts, as package/type.
+        folders: folders of the student's packages, by the packages' names.
+    """
+    possible_owners = [containing_package, *map(_package_of, nodes), *folders]
+    return next(name for name in possible_owners if name in folders)
 
 
 def _nodes_of_packages(packages: Collection[str], launch_file: Path, plan: Plan) -> Tuple[str, ...]:
@@ -157,16 +194,14 @@ def _nodes_of_packages(packages: Collection[str], launch_file: Path, plan: Plan)
     return tuple(node for node in all_nodes if _package_of(node) in packages)
 
 
-def _only_file(files: Sequence[Tuple[Path, PurePosixPath]], end: str) -> Tuple[Path, PurePosixPath]:
+def _only_file(files: Sequence[FoundFile], end: str) -> FoundFile:
     """Return the launch file that marking.yaml names by its path in the submission, or by the path's end.
-
-    The result is an entry of `files`: the path of the file's copy, and the file's path in the submission.
 
     Raises:
         NotMarkableError: there is no such file, or more than one.
     """
     names = PurePosixPath(end).parts  # names of folders and of the file
-    fitting = [(path, place) for path, place in files if place.parts[-len(names) :] == names]
+    fitting = [file for file in files if file.place.parts[-len(names) :] == names]
     if len(fitting) != 1:
         raise NotMarkableError(
             f"marking.yaml names the launch file {end!r}, which fits {len(fitting)} files; "
@@ -211,21 +246,25 @@ def _package_of(node: str) -> str:
 def choose_launch_files(files: Sequence[LaunchFile], exercise: int, facts: Facts) -> List[LaunchFile]:
     """Return the launch files that start a node that the exercise needs, the most probable solution first.
 
+    If students write a node in this exercise, the node must be from a package that may drive the robot. But
+    if the submission has no such package, any node of the submission will do.
+
     Raises:
         NotMarkableError: no launch file fits.
     """
     fitting = [file for file in files if file.nodes]
-    # packages of the submission that may drive the robot, because their code names scans or velocities
-    driving: FrozenSet[str] = frozenset()
-    # In exercise 4, students write no node, but start a node of a ROS package (`by_submission`). This node
-    # does not drive, so the set stays empty there.
+    needed_node = facts.node  # description of the node that a fitting launch file starts
+    # In exercise 4, students write no node. Their launch file starts a node of a ROS package
+    # (`by_submission`), which does not drive.
     students_write_node = not facts.robot_packages.by_submission
-    if files and students_write_node:
-        driving = files[0].driving_packages  # every launch file has the same set
-    if driving:  # a node that reads no scans and sends no velocities, as in a tutorial, is not the controller
+    # every launch file has the same `driving_packages`
+    driving_packages = files[0].driving_packages if files else frozenset()
+    if students_write_node and driving_packages:
+        # a node that reads no scans and sends no velocities, as in a tutorial, is not the controller
         fitting = [file for file in fitting if file.driving_nodes]
+        needed_node = f"a node of {', '.join(sorted(driving_packages))}"
     if not fitting:
-        raise _no_launch_file(files, f"a node of {', '.join(sorted(driving))}" if driving else facts.node)
+        raise _no_launch_file(files, needed_node)
     # among files with equal merits, the file with the shorter path is better
     return sorted(
         fitting,
@@ -301,10 +340,11 @@ def equal_launch_files(
 
 def _launch_files(
     contents: Contents, packages: Collection[Package], folders: Mapping[str, Path], root: Path
-) -> Iterator[Tuple[Path, PurePosixPath]]:
-    """Yield the path of each launch file's copy, and the path of the file in the submission.
+) -> Iterator[FoundFile]:
+    """Yield the launch files of packages that were copied, with the path of each file's copy.
 
-    First come the launch files inside of a package, then those that lie in the folders above this package.
+    For each package, first come the launch files inside of the package, then those in the folders above the
+    package.
 
     Args:
         contents: all packages of the submission.
@@ -316,32 +356,26 @@ def _launch_files(
         copy_folder = folders[package.name]
         for path in walk(copy_folder):
             if file_suffix(path) == ".launch":
-                yield path, package.place / path.relative_to(copy_folder).as_posix()
+                yield FoundFile(path, package.place / path.relative_to(copy_folder).as_posix())
         yield from _copy_launch_files_above(package, contents, root)
 
 
-def _copy_launch_files_above(
-    package: Package, contents: Contents, root: Path
-) -> Iterator[Tuple[Path, PurePosixPath]]:
-    """Copy launch files that a student has put beside or above a package, and yield each of them.
+def _copy_launch_files_above(package: Package, contents: Contents, root: Path) -> Iterator[FoundFile]:
+    """Copy launch files that a student has put beside or above a package, and yield the copies.
 
-    Files that were copied for another package before are left out. For each file, the path of the copy and
-    the path of the file in the submission are yielded.
+    Files that were copied for another package before are left out.
     """
-    for path, launch_place in _launch_files_above(package, contents):
-        target = root / "src" / BESIDE / launch_place
+    for path, place in _launch_files_above(package, contents):
+        target = root / "src" / BESIDE / place
         if not target.exists():
             with contextlib.suppress(UnreadableFileError):  # `copy` rejects a link or a FIFO
                 target.parent.mkdir(parents=True, exist_ok=True)
                 copy(path, target)
-                yield target, launch_place
+                yield FoundFile(target, place)
 
 
-def _launch_files_above(package: Package, contents: Contents) -> Iterator[Tuple[Path, PurePosixPath]]:
-    """Yield the launch files in the folders around a package that are in no package, from inside to outside.
-
-    For each file, its path on this machine and its path in the submission are yielded.
-    """
+def _launch_files_above(package: Package, contents: Contents) -> Iterator[FoundFile]:
+    """Yield the launch files that are in folders around a package, but in no package; inner folders first."""
     # `top` is the submission's folder or an unpacked archive, and `place` is its path in the submission
     for top, place in contents.places.items():
         # only `top` and folders inside of it are searched, because other folders are not the student's
@@ -353,7 +387,7 @@ def _launch_files_above(package: Package, contents: Contents) -> Iterator[Tuple[
                 is_in_package = any(each.path in path.parents for each in contents.packages)
                 # a link could lead out of the submission, to files that are not the student's
                 if not is_in_package and is_below(path, top) and file_suffix(path) == ".launch":
-                    yield path, place / path.relative_to(top).as_posix()
+                    yield FoundFile(path, place / path.relative_to(top).as_posix())
 
 
 def _merits(file: LaunchFile, exercise: int, facts: Facts) -> Tuple[Any, ...]:
