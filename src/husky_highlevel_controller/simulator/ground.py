@@ -114,62 +114,62 @@ def has_floor(scene: RayScene, point: Vector3) -> bool:
 
 
 def floor_height(scene: RayScene, pose_on_ground: Pose) -> float:
-    """Return the height of the floor under all wheels, relative to a level pose [m].
+    """Return the height at which the robot is put on the floor, relative to a level pose [m].
 
-    The robot is put at this height. The floor may be a low slab, or lie below the pose. If the pose is inside
-    a wide body, such as a thick slab, the floor is the top of that body, because `_drops_at_wheels` lets the
-    rays begin above it. On uneven ground, the height is _CLEARANCE above the highest point under the robot,
-    so that no part of the robot is inside the ground.
-
-    The result is 0 if there is no such floor: without any body below the wheels, in an obstacle, or at the
-    edge of a floor.
+    - On a level floor, the result is the height of the floor, which may be above or below the pose.
+    - On uneven ground, the result is _CLEARANCE above the highest point under the robot, so that no part of
+      the robot is inside the ground.
+    - Without a floor under all wheels, the result is 0, so that the robot is put at the pose itself. This is
+      so if a wheel has no body below it, if the pose is in an obstacle, or at the edge of a floor.
     """
     # height above the pose at which the rays begin [m], and drop from there under each wheel
     ray_height, drops = _drops_at_wheels(scene, pose_on_ground)
-    if not _all_meet_floor(drops):
-        return 0.0
-    # height of the floor under the first wheel [m]; if the floor is level, under all wheels
+    # [m] height of the floor under the first wheel; -inf if this wheel has no body below it
     height = ray_height - drops[0]
     if height < 0.0:
-        # The robot would be put lower than the pose, onto the floor. If an object stands on the floor between
-        # the wheels, the robot's hull would come down into the object. With such an object, a drop in the
-        # middle is shorter than the drops at the wheels, so the floor below counts as uneven.
+        # The robot would be put lower than the pose. If an object stands on the lower floor between the
+        # wheels, the robot's hull would come down into the object. So the drops in the middle count, too. The
+        # drop to an object is shorter than the drops at the wheels, so the floor counts as uneven.
         drops += _drops(scene, pose_on_ground, _MIDDLE_POINTS, ray_height)
-        if not _all_meet_floor(drops):
-            return 0.0
+    if not _all_meet_floor(drops):
+        return 0.0
     unevenness = max(drops) - min(drops)
-    if unevenness < _LEVEL_TOLERANCE:
-        # a floor within the tolerance of the pose counts as 0, so that the pose stays as it is
-        return height if abs(height) > _LEVEL_TOLERANCE else 0.0
-    if unevenness < _MAX_UNEVENNESS:
+    if unevenness >= _MAX_UNEVENNESS:
+        return 0.0  # the pose is at the edge of a floor, or above a high object
+    if unevenness >= _LEVEL_TOLERANCE:
         height_of_highest_point = ray_height - min(_drops(scene, pose_on_ground, _OUTLINE, ray_height))
         return height_of_highest_point + _CLEARANCE
-    return 0.0  # the wheels are at the edge of a floor
+    # if the pose is on the floor except for rounding, the result is 0, so that the pose stays as it is
+    return height if abs(height) > _LEVEL_TOLERANCE else 0.0
 
 
 def _all_meet_floor(drops: Sequence[float]) -> bool:
-    """Return whether all rays begin outside of bodies (drop 0) and meet a body (drop inf if they do not)."""
+    """Return whether no ray begins inside a body (drop 0), and every ray meets a body (drop not inf)."""
     return 0.0 not in drops and inf not in drops
 
 
 def _drops_at_wheels(scene: RayScene, pose_on_ground: Pose) -> Tuple[float, List[float]]:
     """Return a height above a pose, and the distances (drops) from there to the floor at the four wheels [m].
 
-    The height is MAX_SLAB. But if the pose is inside a wide body, such as a thick floor, the height is above
-    the top of this body. All drops are 0 if the top is more than MAX_RISE above the pose, and also if the
-    pose is inside a smaller body, which is an obstacle.
+    The height is MAX_SLAB, so that the rays meet a low slab from above. But if the pose is inside a wide
+    body, such as a thick floor, the height is above the top of this body. If the pose is inside a smaller
+    body, which is an obstacle, the drops are 0.
     """
-    wheels, corners_of_wide_body = _corners(_WHEEL_REACH), _corners(_FLOOR_REACH)
+    wheels = _corners(_WHEEL_REACH)
     drops = _drops(scene, pose_on_ground, wheels, MAX_SLAB)
-    are_wheels_in_body = not any(drops)  # the drop of a point inside a body is 0
-    # in a wide body, the drops are also 0 at the corners of a larger square
-    if are_wheels_in_body and not any(_drops(scene, pose_on_ground, corners_of_wide_body, MAX_SLAB)):
-        for step in range(1, round(MAX_RISE / _RISE_STEP)):
-            height_above = MAX_SLAB + _RISE_STEP * step
-            drops_above = _drops(scene, pose_on_ground, wheels, height_above)
-            if all(drops_above):  # no drop is 0, so this height is above the wide body
-                return height_above, drops_above
-    return MAX_SLAB, drops
+    # a drop is 0 if its ray begins inside a body; in a wide body, all drops at the wheels and at the corners
+    # of a larger square are 0
+    is_in_body = not any(drops)
+    is_in_wide_body = is_in_body and not any(_drops(scene, pose_on_ground, _corners(_FLOOR_REACH), MAX_SLAB))
+    if not is_in_wide_body:
+        return MAX_SLAB, drops
+    # the rays begin higher in each round, until all of them begin above the top of the wide body
+    for step in range(1, round(MAX_RISE / _RISE_STEP)):
+        height_above = MAX_SLAB + _RISE_STEP * step
+        drops_above = _drops(scene, pose_on_ground, wheels, height_above)
+        if all(drops_above):
+            return height_above, drops_above
+    return MAX_SLAB, drops  # the top is more than MAX_RISE above the pose; all drops are 0
 
 
 def _corners(reach: float) -> List[Tuple[float, float]]:
