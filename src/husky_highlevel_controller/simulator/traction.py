@@ -94,10 +94,13 @@ def ground_forces(
 ) -> List[Vector2]:
     """Return the ground's force on each wheel over the next step, in base_link's x and y [N].
 
-    The slip of a wheel is the velocity of its tread over the ground. The force on the wheel is -k times the
-    slip after the step, where k is the wheel's largest friction force divided by the speed of the slip. The
-    slip depends on the robot's velocity after the step, and k depends on the slip. So each round computes k
-    from the velocity that the round before has found, and then a better velocity with these k.
+    The slip of a wheel is the velocity of its tread over the ground. For a wheel at (x, y), the slip is
+    (vx - yaw_rate y - surface_speed, vy + yaw_rate x): the velocity of the robot at this place, minus the
+    speed at which the wheel rolls. The force on the wheel is -k times the slip after the step, where k is the
+    wheel's largest friction force divided by the speed of the slip.
+
+    The slip depends on the robot's velocity after the step, and k depends on the slip. So each round computes
+    k from the velocity that the round before has found, and then a better velocity with these k.
 
     Args:
         contacts: one per wheel; a wheel in the air has load 0 and gets no force.
@@ -110,8 +113,9 @@ def ground_forces(
     """
     treads = _treads(contacts, mass, config)
     vx, vy, yaw_rate = velocity
-    # momentum [kg m/s] and angular momentum [kg m^2/s] after the step if there were no friction; base_link
-    # turns during the step, which gives the terms with yaw_rate
+    # momentum [kg m/s] and angular momentum [kg m^2/s] after the step if there were no friction. The axes of
+    # base_link turn during the step by yaw_rate * dt. So the velocity along these axes turns back by this
+    # angle, which gives the terms with yaw_rate.
     momentum = (
         mass * vx + dt * (external[0] + mass * yaw_rate * vy),
         mass * vy + dt * (external[1] - mass * yaw_rate * vx),
@@ -121,9 +125,9 @@ def ground_forces(
     for _ in range(MAX_ITERATIONS):
         last_vx, last_vy, last_yaw_rate = vx, vy, yaw_rate
         ks = [
-            # the largest force divided by the speed of the slip, which is never 0 because of `slip_speed`
-            limit / hypot(vx - yaw_rate * y - speed, vy + yaw_rate * x, config.slip_speed)
-            for x, y, limit, speed in treads
+            # the largest force divided by the speed of the slip; `slip_speed` avoids a division by zero
+            max_force / hypot(vx - yaw_rate * y - surface_speed, vy + yaw_rate * x, config.slip_speed)
+            for x, y, max_force, surface_speed in treads
         ]
         vx, vy, yaw_rate = _velocity_after_step(ks, treads, momentum, mass, yaw_inertia, dt, config)
         # [m/s] change of the velocity; the yaw rate counts as the speed at a distance of 1 m
@@ -132,21 +136,21 @@ def ground_forces(
             break
     # -k times the slip of each wheel, forwards and to the left
     return [
-        (-k * (vx - yaw_rate * y - speed), -k * config.lateral_grip * (vy + yaw_rate * x))
-        for k, (x, y, _, speed) in zip(ks, treads)
+        (-k * (vx - yaw_rate * y - surface_speed), -k * config.lateral_grip * (vy + yaw_rate * x))
+        for k, (x, y, _, surface_speed) in zip(ks, treads)
     ]
 
 
 def _treads(contacts: Sequence[WheelContact], mass: float, config: TractionConfig) -> List[_Tread]:
-    """Return the tread of each wheel, with its largest friction force under its present load."""
+    """Return x, y, largest friction force under its present load [N] and surface speed of each wheel."""
     quarter_weight = mass * STANDARD_GRAVITY / 4.0  # [N] load of a wheel of a robot that stands on a level
     treads = []
-    for x, y, load, speed in contacts:
-        limit = 0.0
+    for x, y, load, surface_speed in contacts:
+        max_force = 0.0
         if load > 0.0:
             # the coefficient of friction of rubber is smaller if the load is larger
-            limit = config.friction * load * (load / quarter_weight) ** LOAD_SENSITIVITY
-        treads.append((x, y, limit, speed))
+            max_force = config.friction * load * (load / quarter_weight) ** LOAD_SENSITIVITY
+        treads.append((x, y, max_force, surface_speed))
     return treads
 
 
@@ -180,24 +184,24 @@ def _velocity_after_step(
     # the values without friction
     a, b, c, d, e = mass, 0.0, 0.0, yaw_inertia, mass
     px, py, pw = momentum
-    for k, (x, y, _, speed) in zip(ks, treads):
-        # The friction of the wheel changes the momentum along x by -k dt (vx - yaw_rate y - speed), and the
-        # momentum along y by -k dt grip (vy + yaw_rate x). The angular momentum changes by x times the change
-        # along y, minus y times the change along x. The terms with the unknown velocity are added to the left
-        # sides of the equations, and the terms with the known `speed` to the right.
+    for k, (x, y, _, surface_speed) in zip(ks, treads):
+        # The friction of the wheel changes the momentum along x by -k dt (vx - yaw_rate y - surface_speed),
+        # and the momentum along y by -k dt grip (vy + yaw_rate x). The angular momentum changes by x times
+        # the change along y, minus y times the change along x. The terms with the unknown velocity are added
+        # to the left sides of the equations, and the terms with the known surface speed to the right.
         kdt = k * dt
         a += kdt
         b -= kdt * y
         c += kdt * x * grip
         d += kdt * (x * x * grip + y * y)
         e += kdt * grip
-        px += kdt * speed
-        pw -= kdt * speed * y
+        px += kdt * surface_speed
+        pw -= kdt * surface_speed * y
     # The first two equations give vx = (px - b yaw_rate) / a and vy = (py - c yaw_rate) / e. Put into the
     # third equation, they give
     #   yaw_rate = (pw - b px / a - c py / e) / (d - b b / a - c c / e)
-    # Here c / e is computed as `c_a_by_e` / a. If the grip is equal in all directions, a == e, so `c_a_by_e`
-    # is exactly c, and the results are those of a single coefficient of friction to the bit.
+    # The code computes c / e as (c a / e) / a. If the grip is equal in all directions, a is equal to e, so
+    # c a / e is exactly c, without rounding.
     c_a_by_e = c * (a / e)
     yaw_rate = (pw - (b * px + c_a_by_e * py) / a) / (d - (b * b + c_a_by_e * c) / a)
     return (px - b * yaw_rate) / a, (py - c * yaw_rate) / e, yaw_rate
