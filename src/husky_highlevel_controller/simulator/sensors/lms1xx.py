@@ -151,22 +151,26 @@ class _Piece(NamedTuple):
 
 @lru_cache(maxsize=8)
 def _pieces(config: Lms1xxConfig, count: int) -> List[_Piece]:
-    """Divide the scan into `count` pieces, and return them with the rays of their beams.
+    """Divide the scan into `count` pieces of neighbouring beams, and return them with their rays.
 
-    There are RAYS_PER_BEAM rays from one beam to the next. A spot is wider than this, so neighbouring spots
-    overlap and share rays.
+    The robot may move during a scan, so the rays of each piece are cast from another pose. There are
+    RAYS_PER_BEAM rays from one beam to the next. A spot is wider than this, so neighbouring spots overlap and
+    share rays.
     """
     angles, increment = np.linspace(-config.angle_max, config.angle_max, config.beams, retstep=True)
     step = float(increment) / RAYS_PER_BEAM  # [rad] angle from one ray to the next
-    half = int(WIDEST_SPOT / step) + 1  # number of a spot's rays on either side of its middle
-    offsets = step * np.arange(-half, half + 1)
+    rays_per_side = int(WIDEST_SPOT / step) + 1  # number of a spot's rays on either side of its middle ray
+    offsets = step * np.arange(-rays_per_side, rays_per_side + 1)
     pieces = []
     for beams in np.array_split(np.arange(config.beams), min(count, config.beams)):
         middle_beam = (beams[0] + beams[-1]) / 2.0
         # the scan ends with the last beam
         time_to_end = (config.beams - 1 - middle_beam) * config.time_increment
-        # rays from `half` before the first beam of the piece to `half` behind its last beam
-        rays = angles[beams[0]] + step * np.arange(-half, (len(beams) - 1) * RAYS_PER_BEAM + half + 1)
+        # The rays are counted from the middle ray of the first spot, which is number 0. The first ray of the
+        # piece is at the edge of the first spot, and the last ray is at the edge of the last spot.
+        middle_of_last_spot = (len(beams) - 1) * RAYS_PER_BEAM
+        numbers = np.arange(-rays_per_side, middle_of_last_spot + rays_per_side + 1)
+        rays = angles[beams[0]] + step * numbers  # [rad]
         pieces.append(_Piece(len(beams), time_to_end, beams_at(rays), offsets))
     return pieces
 
@@ -186,31 +190,32 @@ def _echoes(depths: np.ndarray, piece: _Piece, config: Lms1xxConfig) -> Tuple[np
         Ranges (N,) [m], 0 if there is no echo, and fractions (N,).
     """
     ranges, fractions = np.zeros(piece.beams), np.zeros(piece.beams)
-    # (N, S) distances of the S rays that sample the spot of each beam. Beam b has the rays from number
-    # b * RAYS_PER_BEAM on, and S is larger than RAYS_PER_BEAM, so neighbouring spots share rays.
-    depths_of_beams = np.lib.stride_tricks.sliding_window_view(depths, len(piece.offsets))[::RAYS_PER_BEAM]
-    # The loop below goes on only with beams that have no strong echo yet. `beams` has the indices of these
-    # beams; `depth` and `weights` have one row for each of them.
-    (beams,) = np.isfinite(depths_of_beams).any(axis=1).nonzero()
-    depth = depths_of_beams[beams]
+    # (N, S) distances of the S rays that sample the spot of each beam. Each spot begins RAYS_PER_BEAM rays
+    # after the spot before it. S is larger than RAYS_PER_BEAM, so neighbouring spots share rays.
+    spots = np.lib.stride_tricks.sliding_window_view(depths, len(piece.offsets))[::RAYS_PER_BEAM]
+    # Indices of the beams whose range is still searched: at first, all beams with a ray that meets a surface.
+    # `depth` and `weights` have one row for each of these beams.
+    (searched,) = np.isfinite(spots).any(axis=1).nonzero()
+    depth = spots[searched]
     weights = _weights(depth, piece.offsets, config)
     depth[weights <= 0.0] = inf  # a ray outside of the round spot carries no light
     for _ in range(MAX_ECHOES):
-        if not len(beams):
+        if not len(searched):
             break
         in_echo, mean, fraction = _nearest_echo(depth, weights, config.echo_length)
-        # The lidar detects a dark surface (DARK_REMISSION) that fills the spot, up to DARK_RANGE. An echo is
-        # strong enough if its light is not less than the light from there. The light falls with the square of
-        # the distance.
+        # The lidar just detects a surface of DARK_REMISSION that fills the spot at DARK_RANGE. The light from
+        # a surface falls with the square of the distance, so a nearer echo needs less.
+        least_light = DARK_REMISSION * (mean / DARK_RANGE) ** 2
         has_light = fraction > 0.0
-        is_strong = has_light & (fraction * config.remission >= DARK_REMISSION * (mean / DARK_RANGE) ** 2)
-        ranges[beams[is_strong]] = mean[is_strong]
-        fractions[beams[is_strong]] = np.minimum(fraction[is_strong], 1.0)
-        # the rays of this echo do not count any more, so the next round finds the echo behind it
+        is_strong = has_light & (fraction * config.remission >= least_light)
+        found = searched[is_strong]
+        ranges[found] = mean[is_strong]
+        fractions[found] = np.minimum(fraction[is_strong], 1.0)
+        # The search goes on only for beams with a weak echo; a beam without light has no further echo. The
+        # rays of the weak echo do not count any more, so the next round finds the echo behind it.
         depth[in_echo] = inf
-        # only beams with a weak echo go on; a beam without any light has no further echo
-        is_weak = ~is_strong & has_light
-        beams, depth, weights = beams[is_weak], depth[is_weak], weights[is_weak]
+        is_weak = has_light & ~is_strong
+        searched, depth, weights = searched[is_weak], depth[is_weak], weights[is_weak]
     return ranges, fractions
 
 
