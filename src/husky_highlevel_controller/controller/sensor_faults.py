@@ -6,7 +6,7 @@ In: stamps as messages come, names of frames. Out: the offset between two clocks
 from __future__ import annotations
 
 from math import inf
-from typing import Optional
+from typing import NamedTuple, Optional
 
 # Two clocks are compared in windows of time, each of which gives one offset. A window ends as soon as it has
 # lasted for this wall time [s] and has this many messages.
@@ -18,6 +18,14 @@ MAX_WINDOW = 2.0
 # this. An offset of 0.5 s is allowed, and the measured offset may be too large by a period of odometry, up to
 # 0.05 s.
 MAX_OFFSET = 0.55
+
+
+class _WindowBegin(NamedTuple):
+    """Times at the beginning of a window, in which two clocks are compared."""
+
+    wall_time: float  # [s] wall time at which the first message came
+    message: float  # [s] stamp of the first message
+    reference: float  # [s] newest stamp of the reference when the first message came
 
 
 class ClockOffset:
@@ -34,10 +42,11 @@ class ClockOffset:
         self.seconds = 0.0  # [s] time by which the messages' clock is ahead of the reference's clock
         self._tolerance = tolerance
         self._newest_reference: Optional[float] = None  # [s] newest stamp of the reference
-        # number of new stamps of the reference, and number of messages, in this window
-        self._new_references = self._message_count = 0
-        # [s] at the start of the window: wall time, stamp of the first message, newest stamp of the reference
-        self._window_begin = (0.0, 0.0, 0.0)
+        self._new_references = 0  # number of new stamps of the reference in this window
+        self._message_count = (
+            0  # number of messages in this window; the next message begins a new window if 0
+        )
+        self._window_begin = _WindowBegin(0.0, 0.0, 0.0)
         # [s] smallest and largest difference between the stamp of a message and the newest stamp of the
         # reference, in this window
         self._smallest_difference, self._largest_difference = inf, -inf
@@ -51,50 +60,54 @@ class ClockOffset:
         self._newest_reference = stamp
 
     def add(self, stamp: float, now: float) -> None:
-        """Take the stamp [s] of a message that comes at the wall time `now` [s]; this may end a window."""
+        """Take the stamp [s] of a message that comes at the wall time `now` [s].
+
+        If this message ends a window, `seconds` becomes the offset in this window.
+        """
         if self._newest_reference is None:
-            return
+            return  # no reference has come yet, so there is nothing to compare the stamp with
         if self._message_count == 0:
-            self._window_begin, self._new_references = (now, stamp, self._newest_reference), 0
+            self._window_begin = _WindowBegin(now, stamp, self._newest_reference)
+            self._new_references = 0
             self._smallest_difference, self._largest_difference = inf, -inf
         self._message_count += 1
         difference = stamp - self._newest_reference
         self._smallest_difference = min(self._smallest_difference, difference)
         self._largest_difference = max(self._largest_difference, difference)
-        # the window ends when it has enough messages and a new stamp of the reference, but after MAX_WINDOW
-        # in any case
-        age = now - self._window_begin[0]
+        age = now - self._window_begin.wall_time
         is_full = age >= WINDOW and self._message_count >= MIN_MESSAGES and self._new_references > 0
         if is_full or age >= MAX_WINDOW:
             self.seconds = self._offset(stamp, now)
             self._message_count = 0  # the next message begins a new window
 
     def _offset(self, stamp: float, now: float) -> float:
-        """Return the offset that all messages of the window show [s]; 0 if it is within the tolerance.
+        """Return the offset of the clocks in this window [s]; 0 if late messages alone can explain it.
 
         `stamp` is the stamp of the window's last message [s], and `now` is the wall time at its end [s].
         """
-        begin, first, first_reference = self._window_begin
-        # [s] time that has passed in the window by the stamps of the reference
-        progress = (self._newest_reference or 0.0) - first_reference
+        begin = self._window_begin
+        # [s] time that has passed in the window by the clock of the reference
+        progress = (self._newest_reference or 0.0) - begin.reference
         # without two messages and a new stamp of the reference, the periods are unknown
         if progress <= 0.0 or not self._new_references or self._message_count < 2:
             return 0.0
         period = progress / self._new_references  # [s] period of the reference
-        message_period = abs(stamp - first) / (self._message_count - 1)
-        # [s] If the clocks are equal, a message is newer than the last reference by 0 to `period`. If
-        # messages are more frequent than that, one of them comes within `message_period` after a reference.
-        # So the smallest difference is at most the shorter of the two periods.
-        slack = min(period, message_period)
-        # the tolerance is for delays in wall time; if simulated time passes faster than wall time, the same
-        # delay is longer in simulated time
-        tolerance = self._tolerance * max(progress / (now - begin), 1.0) + slack
+        message_period = abs(stamp - begin.message) / (self._message_count - 1)
+        # If the clocks are equal, the differences lie between 0 and `period`. For example, if a reference
+        # comes every 0.1 s, the message of 0.53 s is compared with the reference of 0.5 s, and the difference
+        # is 0.03 s. The first message after a reference differs by at most `message_period`.
+        smallest_if_equal = min(period, message_period)
+        # the last message before the next reference has the largest difference
+        largest_if_equal = period
+        # The tolerance is for delays in wall time. If simulated time passes faster than wall time, the same
+        # delay is longer in simulated time.
+        clock_rate = max(progress / (now - begin.wall_time), 1.0)
+        tolerance = self._tolerance * clock_rate + smallest_if_equal
+        # the clock of the messages is ahead if even the smallest difference is too large
         if self._smallest_difference > tolerance:
             return self._smallest_difference
-        # The message with the largest difference comes shortly before the next reference. If the clocks are
-        # equal, this difference is about `period`. If the clock of the messages is 2 s behind, the difference
-        # is about `period` - 2 s.
-        offset = self._largest_difference - period
+        # the clock of the messages is behind if even the largest difference is too small
+        offset = self._largest_difference - largest_if_equal
         return offset if offset < -tolerance else 0.0
 
 
