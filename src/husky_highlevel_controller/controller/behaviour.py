@@ -45,7 +45,8 @@ from husky_highlevel_controller.robot import load_robot
 # [m], [m/s] a robot that moves farther than TELEPORT_DISTANCE + TOP_SPEED * time between two scans has not
 # driven there, so somebody has put it elsewhere, or odom was reset
 TELEPORT_DISTANCE, TOP_SPEED = 0.3, 2.0
-# [m] an arrived robot drives again if the pillar is farther away than the stop distance by more than this
+# [m] a robot that has reached its stop position or the pillar drives on only if it is farther away than this;
+# smaller distances may be errors of the measurement
 RESUME_DISTANCE = 0.10
 ODOM_TIMEOUT = 0.5  # [s] odometry counts as lost if the last known pose in odom is older than this
 ROOM_FRACTION = 0.05  # walls stand around the robot if more than this fraction of the beams has a return
@@ -160,28 +161,21 @@ def decide(
     if moved:
         controller_state = _put_elsewhere(controller_state)
 
-    # perception: look for the pillar, and store in the state what this scan shows
+    # perception
     pillars = find_pillars(scan, detector_config)
     track, pillar, pillar_in_odom, visibility = _look(controller_state, observation, pillars)
     target = _target(track.estimate, observation, pillar)
-    controller_state = controller_state._replace(
-        track=track,
-        close_at=_close_at(controller_state, target, stamp, control),
-        base_in_odom=observation.base_in_odom,
-        updated_at=stamp,
-        # the time of the last known pose in odom stays if this scan has none
-        odom_at=controller_state.odom_at if observation.base_in_odom is None else stamp,
-        in_room=controller_state.in_room or scan.valid_count > ROOM_FRACTION * len(scan.ranges),
-    )
+    controller_state = _with_perception(controller_state, observation, track, target, control)
 
-    # decision: choose the command
+    # decision
     action = _act(controller_state, observation, target, pillar is not None, visibility, enabled, control)
 
-    # memory for the next scan; if no pillar is known, `remaining` is nan, and `remaining <= RESUME_DISTANCE`
-    # is false
+    # memory for the next scan
     remaining = remaining_distance(target, control) if target else nan
+    # a robot that arrived before and is stopped now has not left the pillar, as long as it is near the pillar
     was_at_pillar = controller_state.at_pillar
-    at_pillar = action.state is State.ARRIVED or (was_at_pillar and remaining <= RESUME_DISTANCE)
+    is_near_pillar = target is not None and remaining <= RESUME_DISTANCE
+    at_pillar = action.state is State.ARRIVED or (was_at_pillar and is_near_pillar)
     has_left_pillar = was_at_pillar and not at_pillar
     controller_state = controller_state._replace(
         state=action.state,
@@ -281,6 +275,33 @@ def _target(
     return target_at((x, y), estimate.radius, observation.laser_in_base, observation.outline)
 
 
+def _with_perception(
+    controller_state: ControllerState,
+    observation: Observation,
+    track: Track,
+    target: Optional[Target],
+    control: ControlConfig,
+) -> ControllerState:
+    """Return the state with all that this scan shows; the command is chosen afterwards.
+
+    Args:
+        controller_state: state after the last scan.
+        observation: the scan, and the poses at its stamp.
+        track: track after this scan.
+        target: pillar in base_link; None if its position is unknown.
+        control: gains and limits.
+    """
+    scan, base_in_odom = observation.scan, observation.base_in_odom
+    return controller_state._replace(
+        track=track,
+        close_at=_close_at(controller_state, target, scan.stamp, control),
+        base_in_odom=base_in_odom,
+        updated_at=scan.stamp,
+        odom_at=controller_state.odom_at if base_in_odom is None else scan.stamp,
+        in_room=controller_state.in_room or scan.valid_count > ROOM_FRACTION * len(scan.ranges),
+    )
+
+
 def _close_at(
     controller_state: ControllerState, target: Optional[Target], stamp: float, control: ControlConfig
 ) -> Optional[float]:
@@ -291,12 +312,11 @@ def _close_at(
     """
     if target is None or not to_be_touched(target, control):
         return None
-    close_at = controller_state.close_at
-    if close_at is None:
+    if controller_state.close_at is None:  # the robot was not close at the last scan
         return stamp if target.gap <= TOUCH_GAP else None
-    # the measured gap is noisy; because of the larger limit, one gap that is a little too large does not
-    # start the time again
-    return close_at if target.gap <= RESUME_DISTANCE else None
+    # The robot was close at the last scan. The measured gap has an error, so a gap just above TOUCH_GAP does
+    # not show that the robot is no longer close. Only a gap above RESUME_DISTANCE shows this.
+    return controller_state.close_at if target.gap <= RESUME_DISTANCE else None
 
 
 def _started_at(
@@ -385,15 +405,20 @@ def _forced_wait(
     """Return the action of a robot that must not move now, with the reason; None if the robot may move.
 
     The clocks may differ, odometry may have stopped, the lidar may be covered, or the pillar may be a person.
-    The arguments are those of `_act`, and `has_return` says whether any beam of the scan has a return.
+
+    Args:
+        controller_state: state with the track of this scan, and with `odom_at`.
+        observation: the scan, and the offset of its clock.
+        target: pillar in base_link, seen or remembered; None if its position is unknown.
+        has_return: whether any beam of the scan has a return.
     """
     if observation.ahead_of_odometry > MAX_OFFSET:
         reason = "standing still until the clocks are set: scans are stamped too far ahead of odometry"
         return _Action(State.WAITING, STOP, reason)
     if observation.scan.stamp - controller_state.odom_at > ODOM_TIMEOUT:
         return _wait("no transform from odom to base_link any more; check that odometry is running")
-    # a beam that meets nothing gives inf, which is normal in an empty world; a scan without a valid range and
-    # without inf has no beams, or every return is too close to be valid
+    # A beam that meets nothing gives inf, so in an empty world all beams give inf, and the robot may move. If
+    # no beam has a return and no beam gives inf, the lidar is covered, or the scan has no beams.
     if not has_return and not (observation.scan.returns == inf).any():
         return _wait("no pillar in the scan (it has no valid range); check that the lidar is uncovered")
     # The last tracked object has walked, so it was a person and not a pillar. The object that is tracked now
@@ -458,10 +483,11 @@ def _drive(
 ) -> _Action:
     """Choose the action of a robot that knows where the pillar is.
 
-    `_action_at_stop` answers for the stop position. Before it, the robot drives, around obstacles if needed.
+    The robot drives to its stop position, around obstacles if needed. At the stop position, `_action_at_stop`
+    chooses the action.
 
     Args:
-        controller_state: state with `close_at` and stamp of this scan, and with the action of the last scan.
+        controller_state: memory; `close_at` and `updated_at` are of this scan, `state` is of the last scan.
         target: pillar in base_link.
         pillar_seen: whether this scan shows the pillar; the robot arrives only if it does.
         visibility: whether the remembered position is hidden, out of view or empty in this scan.
@@ -504,28 +530,34 @@ def _action_at_stop(
     The robot arrives only if it sees the pillar. Otherwise it turns the lidar to the remembered position.
 
     Args:
-        controller_state: state with `close_at` and stamp of this scan, and with the action of the last scan.
+        controller_state: memory; `close_at` and `updated_at` are of this scan, `state` is of the last scan.
         target: pillar in base_link.
         remaining: distance still to drive [m].
         pillar_seen: whether this scan shows the pillar.
         control: gains and limits.
     """
-    # `tolerance`: the robot is at its stop position if `remaining` is at most this [m]
-    if to_be_touched(target, control):
-        tolerance, arrival = TOUCH_GAP, "arrived: touching the pillar"
-        # The measured gap has an error, so the gap does not show whether the robot touches the pillar. The
-        # time shows this: it touches after it has crept for TOUCH_CREEP_TIME.
-        close_at = controller_state.close_at
-        now = controller_state.updated_at  # stamp of this scan
-        is_reached = close_at is not None and now - close_at > TOUCH_CREEP_TIME
-    else:
-        tolerance, arrival = control.arrival_tolerance, "arrived: at the stop distance"
-        is_reached = remaining <= tolerance
+    shall_touch = to_be_touched(target, control)
+    # [m] the robot is at its stop position if `remaining` is at most this
+    tolerance = TOUCH_GAP if shall_touch else control.arrival_tolerance
+    is_at_stop = remaining <= tolerance
+    # a robot that shall touch the pillar creeps on at its stop position, until it has surely touched
+    is_finished = _has_touched(controller_state) if shall_touch else is_at_stop
     # an arrived robot stays although it does not see the pillar, until `remaining` exceeds RESUME_DISTANCE
     stays = controller_state.state is State.ARRIVED and remaining <= RESUME_DISTANCE
-    if (pillar_seen and is_reached) or stays:
-        return _Action(State.ARRIVED, STOP, arrival)
-    if not pillar_seen and remaining <= tolerance:
+    if (pillar_seen and is_finished) or stays:
+        place = "touching the pillar" if shall_touch else "at the stop distance"
+        return _Action(State.ARRIVED, STOP, f"arrived: {place}")
+    if is_at_stop and not pillar_seen:
         twist = heading_twist(target.bearing, 0.0, control)
         return _Action(State.DRIVING, twist, "turning to the last position of the pillar")
     return None
+
+
+def _has_touched(controller_state: ControllerState) -> bool:
+    """Return whether the robot has crept towards a pillar for TOUCH_CREEP_TIME, and so touches the pillar.
+
+    The measured gap has an error, so the gap alone does not show the touch. `close_at` and `updated_at` of
+    the controller's state are of this scan.
+    """
+    close_at, now = controller_state.close_at, controller_state.updated_at
+    return close_at is not None and now - close_at > TOUCH_CREEP_TIME
