@@ -138,21 +138,23 @@ def follow(
         return _begin_anew(track, sightings, period, scan, laser_in_odom)
     sighting = _match(estimate, sightings, scan.stamp)
     if sighting is not None:
-        sighted = _updated(track, sighting, period, scan, laser_in_odom)
-        if not _walks(sighted, sighting.pillar):
-            return _confirmed_if_watched(sighted, laser_in_odom), sighting, Visibility.SEEN
+        track = _updated(track, sighting, period, scan, laser_in_odom)
+        if not _walks(track, sighting.pillar):
+            return _confirmed_if_watched(track, laser_in_odom), sighting, Visibility.SEEN
         # an object that moves is a leg or a wheel, so it is given up although the scan shows it
-        track = _give_up(sighted, reject=True)._replace(walked_to=sighting.center_in_odom[:2])
+        track = _give_up(track, reject=True)._replace(walked_to=sighting.center_in_odom[:2])
     else:
         visibility = look_at(estimate, scan, laser_in_odom)
         weight = _weight_of_miss(visibility, track, laser_in_odom, keep_hidden)
         track = track._replace(missed_time=track.missed_time + weight * period, updated_at=scan.stamp)
         if track.missed_time <= EMPTY_TIMEOUT:
             return track, None, visibility
-        # A confirmed pillar is missed for so long only if its position looked empty, or stayed hidden
-        # although it is near. So the position is rejected. A pillar that is not confirmed may only have been
-        # hidden or out of view. So its position is rejected only if it looks empty.
-        track = _give_up(track, reject=track.confirmed or visibility is Visibility.EMPTY)
+        # For a confirmed pillar, `missed_time` shows that the pillar is gone, because a scan that could not
+        # show the pillar does not count. For any other pillar, such scans count, too, so the pillar is known
+        # to be gone only if its position looks empty now.
+        is_gone = track.confirmed or visibility is Visibility.EMPTY
+        track = _give_up(track, reject=is_gone)
+    # the tracked pillar was given up, so this scan may already show the next one
     return _begin_anew(track, sightings, period, scan, laser_in_odom)
 
 
@@ -161,8 +163,8 @@ def _begin_anew(
 ) -> Tuple[Track, Optional[Sighting], Visibility]:
     """Begin to track a pillar of a scan: the nearest one that is not at a rejected position.
 
-    An object that was given up because it walked is the last choice, because it is probably a person. As at
-    every rejected position, it is taken only if more beams fall on it than before.
+    The object that has walked to `track.walked_to` is the last choice, because it is probably a person. At a
+    rejected position, an object is tracked again only if more beams fall on it than before.
 
     Args:
         track: track without a pillar, which knows the rejected positions.
@@ -199,17 +201,19 @@ def _walks(track: Track, pillar: Pillar) -> bool:
     assert track.estimate is not None
     assert track.anchor is not None
     before, now = track.anchor.estimate, track.estimate
-    # [m] a part of the pillar's range, and three standard deviations of the position of the anchor
-    errors = _GATE_FRACTION * hypot(pillar.x, pillar.y) + 3.0 * min(before.deviation, _LARGEST_DEVIATION)
-    return hypot(now.x - before.x, now.y - before.y) > WALK + errors
+    # [m] error of the measured position, which grows with the range of the pillar
+    range_error = _GATE_FRACTION * hypot(pillar.x, pillar.y)
+    # [m] error of the earlier position, three standard deviations
+    earlier_error = 3.0 * min(before.deviation, _LARGEST_DEVIATION)
+    return hypot(now.x - before.x, now.y - before.y) > WALK + (range_error + earlier_error)
 
 
 def _confirmed_if_watched(track: Track, laser_in_odom: Pose) -> Track:
     """Confirm the track if the pillar stood still for WATCH_TIME, or was seen from positions BASELINE apart.
 
-    Time and distance are measured from the track's anchor, which has an earlier estimate and the lidar's
-    position then. After WATCH_TIME the anchor is renewed. The caller has already given up a pillar that does
-    not stand still.
+    The time since the anchor's estimate counts, and the distance of the lidar from the anchor's position.
+    After WATCH_TIME the present estimate and position become the new anchor. The caller has already given up
+    a pillar that does not stand still.
     """
     assert track.estimate is not None
     assert track.anchor is not None
@@ -247,12 +251,12 @@ def _is_rejected(sighting: Sighting, track: Track) -> bool:
 
 
 def _weight_of_miss(visibility: Visibility, track: Track, laser_in_odom: Pose, keep_hidden: bool) -> float:
-    """Return how much the missing of the pillar in a scan counts, 0 to 1.
+    """Return the part, 0 to 1, of the time since the last scan that counts as time without the pillar.
 
-    It is the fraction of the time since the last scan that is added to the track's missed time. All of the
-    time counts if the position looks empty or the track is not confirmed. A part of it counts if something
-    hides a near position, because the lidar normally sees a pillar that is so near; `keep_hidden` sets this
-    part to 0. Nothing counts if a far position is hidden, or if a position is out of view.
+    The caller adds this part of the time to `missed_time` of the track. If the position looks empty, or the
+    track is not confirmed, all of the time counts. If something hides a near position, a small part counts,
+    because the lidar normally sees a pillar that is so near; with `keep_hidden`, no time counts. If a far
+    position is hidden, or if a position is out of view, no time counts.
     """
     estimate = track.estimate
     assert estimate is not None
@@ -278,7 +282,7 @@ def _give_up(track: Track, reject: bool) -> Track:
         # the object at a rejected position is accepted again if more beams hit it; this limit makes sure that
         # _MANY_BEAMS are always enough
         beams = min(track.beams, _MANY_BEAMS - 1)
-        # at most _MAX_REJECTED positions are kept, so there is room for one more behind the newest ones
+        # at most _MAX_REJECTED positions are kept, so the oldest one is dropped before one is added
         newest_rejected = rejected[-(_MAX_REJECTED - 1) :]
         rejected = (*newest_rejected, (track.estimate.x, track.estimate.y, beams))
     return Track(updated_at=track.updated_at, rejected=rejected, walked_to=track.walked_to)
@@ -326,8 +330,9 @@ def look_at(estimate: Estimate, scan: Scan, laser_in_odom: Pose) -> Visibility:
 def _match(estimate: Estimate, sightings: List[Sighting], stamp: float) -> Optional[Sighting]:
     """Return the pillar of the scan that is the remembered pillar; None if all are too far away from it.
 
-    Each has a gate, the largest distance that it may have from the remembered position. The pillar whose
-    distance is the smallest fraction of its gate is returned. `stamp` is the stamp of the scan [s].
+    Each pillar of the scan has a gate, which is the largest distance that it may have from the remembered
+    position. The pillar whose distance is the smallest fraction of its gate is returned. `stamp` is the stamp
+    of the scan [s].
     """
     deviation = _deviation_at(estimate, stamp)
     # with the fraction 1, the distance is as large as the gate, so only smaller fractions match
@@ -357,9 +362,10 @@ def _updated(track: Track, sighting: Sighting, period: float, scan: Scan, laser_
     """
     pillar, (x, y, _) = sighting
     radius = pillar.radius
-    # [m] A measured centre has a standard deviation of 5 mm, and of a quarter of the distance between two
-    # beams at the pillar, because the beams show the edges of the pillar only as finely as that.
-    variance = (0.005 + 0.25 * abs(scan.angle_increment) * hypot(pillar.x, pillar.y)) ** 2  # [m^2]
+    # [m] An edge of the pillar lies anywhere between two beams. So the standard deviation of the measured
+    # position grows with the distance between two beams at the pillar.
+    deviation = 0.005 + 0.25 * abs(scan.angle_increment) * hypot(pillar.x, pillar.y)
+    variance = deviation**2
     old = track.estimate
     if old is not None:
         old_variance = _deviation_at(old, scan.stamp) ** 2
@@ -370,7 +376,7 @@ def _updated(track: Track, sighting: Sighting, period: float, scan: Scan, laser_
     estimate = Estimate(x, y, radius, sqrt(variance), scan.stamp)
     return track._replace(
         estimate=estimate,
-        # a scan that shows the pillar counts twice, so it makes up for two scans that do not show the pillar
+        # time with the pillar counts twice as much as time without the pillar
         missed_time=max(track.missed_time - 2.0 * period, 0.0),
         beams=max(track.beams, pillar.beams),
         updated_at=scan.stamp,
