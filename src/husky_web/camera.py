@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from math import dist, radians
-from typing import Any, Deque, Optional
+from typing import Deque, Optional
 
 import viser
 
@@ -38,75 +38,89 @@ class Camera:
     def __init__(self, client: viser.ClientHandle) -> None:
         self._client = client  # page to which the camera belongs
         self._name = FOLLOW  # chosen camera, one of CAMERAS
-        # true if the camera has been moved to the position that belongs to the choice, such as FOLLOW
-        self._is_placed = False
-        # true if the page has reported a position that was sent after the last jump of the camera. An earlier
-        # report shows the camera before the jump, so it does not prove that the user has moved the camera by
-        # the mouse.
-        self._has_jump_arrived = False
+        # true after a choice, until the camera moves to the offset of the chosen camera
+        self._has_new_choice = True
         self._target: Vector3 = (0.0, 0.0, 0.0)  # [m] position that the camera looks at, in the fixed frame
         # yaw [rad] of the frame that turns with the robot; offset [m] of the camera from its target, in this
         # frame
         self._yaw, self._offset = 0.0, OFFSETS[FOLLOW]
-        self._sent: Deque[Vector3] = deque(maxlen=SENT)  # [m] last positions that were sent to the page
+        # [m] newest positions of the camera that were sent to the page after the last jump, at most SENT
+        self._sent: Deque[Vector3] = deque(maxlen=SENT)
+        # true if the page has reported a position from after the last jump
+        self._has_jump_arrived = False
 
     def choose(self, name: str) -> None:
         """Choose one of CAMERAS."""
-        self._name, self._is_placed = name, False
+        self._name, self._has_new_choice = name, True
 
     def update(self, base: Optional[Pose], pillar: Optional[Vector3]) -> None:
-        """Move the page's camera with the robot or the pillar, both in the fixed frame [m]."""
-        robot = None if base is None else base.position
-        subject = pillar if self._name == PILLAR else robot  # position that the camera follows
-        camera = self._client.camera
-        # viser cannot move the camera of a page before the page has reported its camera for the first time
-        has_reported = camera.update_timestamp != 0.0
-        if subject is None or self._name == FREE or not has_reported:
+        """Move the page's camera with the robot or the pillar, both in the fixed frame [m].
+
+        The camera jumps if another camera was chosen, or if its target is suddenly far away. Otherwise it
+        follows its target smoothly, and the page's mouse can change its offset from the target.
+        """
+        target = self._target_now(base, pillar)
+        if target is None:
             return
-        target = (subject[0], subject[1], subject[2] + AIM)
         # only the camera FOLLOW turns with the robot
         yaw = 0.0 if base is None or self._name != FOLLOW else yaw_from_quat(base.quat_xyzw)
-        if self._is_placed and dist(target, self._target) < JUMP:  # the camera follows smoothly
+        way = dist(target, self._target)  # [m] motion of the target since the camera was moved last
+        # a choice that a person makes after this line counts in the next update
+        has_new_choice, self._has_new_choice = self._has_new_choice, False
+        if has_new_choice:
+            self._begin_jump(yaw)
+            self._offset = OFFSETS[self._name]
+        elif way < JUMP:
             turn = TURN_SHARE * wrap_angle(yaw - self._yaw)
-            if dist(target, self._target) < STILL and abs(turn) < STILL_ANGLE:
+            if way < STILL and abs(turn) < STILL_ANGLE:
                 return  # the motion would not be visible
             self._yaw += turn
-            self._take_over(camera)  # the mouse may have moved the camera, so `_offset` may change
-        else:  # the camera jumps, because another camera was chosen, or a service has moved the robot
-            self._yaw, self._has_jump_arrived = yaw, False
-            self._sent.clear()
-        if not self._is_placed:  # otherwise the camera keeps the offset that the mouse has given it
-            self._offset = OFFSETS[self._name]
+            self._take_over()
+        else:  # a service has moved the robot, so the camera jumps, too, but keeps its offset
+            self._begin_jump(yaw)
         offset = rotate(quat_from_rpy(0.0, 0.0, self._yaw), self._offset)
         position = (target[0] + offset[0], target[1] + offset[1], target[2] + offset[2])
         with self._client.atomic():
-            if not self._is_placed:
-                camera.up_direction = (0.0, 0.0, 1.0)
-            look(camera, position, target)
+            if has_new_choice:  # z points up again, if the page has changed this
+                self._client.camera.up_direction = (0.0, 0.0, 1.0)
+            look(self._client.camera, position, target)
         self._sent.append(position)
-        self._is_placed, self._target = True, target
+        self._target = target
 
-    def _take_over(self, camera: Any) -> None:
+    def _target_now(self, base: Optional[Pose], pillar: Optional[Vector3]) -> Optional[Vector3]:
+        """Return the position [m] that the camera must look at; None if the camera must stay where it is."""
+        robot = None if base is None else base.position
+        subject = pillar if self._name == PILLAR else robot
+        if subject is None or self._name == FREE:
+            return None
+        return (subject[0], subject[1], subject[2] + AIM)
+
+    def _begin_jump(self, yaw: float) -> None:
+        """Turn the camera to a yaw [rad] at once, and forget the positions from before the jump."""
+        self._yaw = yaw
+        self._sent.clear()
+        self._has_jump_arrived = False  # true again when the page reports a position from after the jump
+
+    def _take_over(self) -> None:
         """Set `_offset` from the pose that the page has reported, if its mouse has moved the camera.
 
-        The page reports the pose of its camera late. If this program has sent the reported position before,
-        the mouse has not moved the camera. The camera jumps if another camera is chosen, or if the robot is
-        moved far; reports from before a jump do not count. Position and rotation of a report belong
-        together, but its target may be newer.
+        The mouse has moved the camera if the page reports a position that was not sent to the page. After a
+        jump, reports that are still from before the jump do not count.
         """
+        camera = self._client.camera
         position = camera.position.tolist()
-        is_sent = any(dist(position, sent) < SAME for sent in self._sent)
-        if is_sent:
-            # a jump empties `_sent`, so the page can report a position in `_sent` only after the jump
+        if any(dist(position, sent) < SAME for sent in self._sent):  # the mouse has not moved the camera
             self._has_jump_arrived = True
             return
-        if not self._has_jump_arrived:
+        if not self._has_jump_arrived:  # the report is from before the jump
             return
         w, x, y, z = camera.wxyz.tolist()
-        # direction from the target to the camera; a camera looks along its own z axis, so -z points back
+        # direction from the target to the camera; a camera looks along its own z axis, so its -z axis points
+        # back
         from_target = rotate((x, y, z, w), (0.0, 0.0, -1.0))
-        # the target may be newer than the position, so the distance may be wrong by the short way that the
-        # robot has driven between the two; the direction comes from the rotation, so it has no such error
+        # The reported target (`look_at`) may be newer than the reported position, and the robot has driven a
+        # short way in between. This changes the distance only a little, but it would turn the direction, so
+        # the direction is taken from the rotation.
         distance = dist(position, camera.look_at.tolist())
         # the same direction in the frame that turns with the robot
         x, y, z = rotate(quat_from_rpy(0.0, 0.0, -self._yaw), from_target)

@@ -17,7 +17,7 @@ class Browser:
     """A page's camera as its server sees it: what is sent to it, and what it reports some updates later."""
 
     def __init__(self, monkeypatch):
-        self.camera = SimpleNamespace(update_timestamp=1.0)
+        self.camera = SimpleNamespace()
         self.sent = []
         monkeypatch.setattr(camera, "look", lambda _, position, target: self.sent.append((position, target)))
         self.report((3.0, 3.0, 3.0), (0.0, 0.0, 0.0))
