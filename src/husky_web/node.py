@@ -7,6 +7,7 @@ import ctypes
 import gc
 import time
 from dataclasses import dataclass, replace
+from enum import Enum
 from pathlib import Path
 from typing import Any, Dict, List, Optional, Tuple
 
@@ -81,6 +82,16 @@ class WebConfig:
     )
 
 
+class Master(Enum):
+    """State of the ROS master at the last query."""
+
+    KNOWS_NODE = "knows this node"
+    # The master was started again, and does not know this node. It never learns of the publishers of this
+    # node, so this state stays until the node ends, and the page asks for a restart.
+    IS_NEW = "was started again"
+    IS_SILENT = "does not answer"
+
+
 class WebNode:
     """Shows the robot to every open page; without a page it only subscribes to the log."""
 
@@ -104,13 +115,11 @@ class WebNode:
             config.address, config.port, self._teleop.on_message, self._teleop.on_leave
         )
         self._build(config)
-        # true if the ROS master does not answer, or if a master was started again and does not know this node
-        self._is_master_gone = False
+        self._master = Master.KNOWS_NODE  # state of the ROS master at the last query
         self._registration = Registration()  # asks the master whether it knows this node
         self._is_paused: Optional[bool] = None  # true if simulated time is paused; None without a simulator
         self._reason = StopReason()  # warning that came when the controller stopped, for the state bar
         self._world_name = ""  # name of the simulator's world
-        self._was_master_silent = False  # true if the ROS master did not answer at the last query
         # rosout.log is read after the subscription to /rosout_agg, so that no line is lost between the two;
         # `add_earlier` leaves out the lines that have come on the topic, too
         self._log.add_earlier(lines_of_rosout(read_rosout()))
@@ -268,25 +277,23 @@ class WebNode:
     def _published_topics(self) -> Optional[List[Tuple[str, str]]]:
         """Ask the master for all published topics, as (name, type); None if it does not answer.
 
-        If the master has restarted, the subscriptions are closed, because the new master does not have them.
+        If the master may have been started again, the subscriptions are closed, because a new master does not
+        have them. `_follow_network` opens them again.
         """
-        was_lost = self._registration.is_lost  # true if a master has answered that it does not know this node
         published = None
         # `look` asks the master whether it knows this node, and returns None if no master answers
         if self._registration.look() is not None:
             published = self._ask("getPublishedTopics", "")
         if published is None:
-            self._is_master_gone = self._was_master_silent = True
+            self._master = Master.IS_SILENT
             rospy.logwarn_throttle(60.0, f"the ROS master does not answer at {rosgraph.get_master_uri()}")
             return None
-        # a new master never learns of the publishers of this node, so `is_lost` stays true until the node
-        # ends, and the page asks for a restart
-        is_lost = self._registration.is_lost
-        is_new = is_lost and not was_lost  # true if this master does not know this node, but the last one did
-        # a master that did not answer for a while may be a new one, too
-        if is_new or self._was_master_silent:
-            self._topics.close()  # `_follow_network` opens them again
-        self._is_master_gone, self._was_master_silent = is_lost, False
+        master = Master.IS_NEW if self._registration.is_lost else Master.KNOWS_NODE
+        # `_master` is still the state at the query before. If it was IS_SILENT, the master that answers now
+        # may be a new one, even if it already knows this node.
+        if master != self._master:
+            self._topics.close()
+        self._master = master
         return [(name, kind) for name, kind in published]
 
     def _ask(self, method: str, *arguments: Any) -> Any:
@@ -343,7 +350,7 @@ class WebNode:
             RobotStatus(
                 is_locked=self._teleop.is_locked,
                 has_listener=self._teleop.has_listener,
-                is_master_gone=self._is_master_gone,
+                is_master_gone=self._master is not Master.KNOWS_NODE,
                 is_paused=bool(self._is_paused),
                 is_silent=numbers.is_silent(now),
                 # name of the object that a page moves; it stays until the robot has had time to notice this

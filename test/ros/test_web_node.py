@@ -21,7 +21,7 @@ from websockets.sync.client import connect
 
 from husky_highlevel_controller.ros.registration import Registration
 from husky_web import actions, node
-from husky_web.node import WebConfig, WebNode
+from husky_web.node import Master, WebConfig, WebNode
 from husky_web.page_server import MAX_PAGES
 from husky_web.state_bar import Figures, RobotStatus, StateBar, e_stop_html, state_html
 from husky_web.teleop import RELEASE_AFTER
@@ -111,7 +111,7 @@ def page(monkeypatch):
     page._scene.layers = {"depth": False}
     page._topics = Mock(names=dict.fromkeys(("truth", "command", "error", "pillar", "cloud"), "/topic"))
     page._config, page._description, page._world_name = WebConfig(), "", "before"
-    page._is_master_gone = page._was_master_silent = False
+    page._master = Master.KNOWS_NODE
     return page
 
 
@@ -151,7 +151,7 @@ def test_a_master_that_dies_in_its_answer_is_gone(page, monkeypatch, answer):
 
     with served(answer_all) as port:
         meet(page, monkeypatch, port)
-    assert page._is_master_gone
+    assert page._master is Master.IS_SILENT
 
 
 def test_a_master_that_hangs_over_a_parameter_does_not_hold_the_view(page, monkeypatch):
@@ -179,7 +179,7 @@ def test_a_master_that_hangs_over_a_parameter_does_not_hold_the_view(page, monke
         thread.join()
     assert is_back
     assert page._world_name == ""
-    assert not page._is_master_gone, "it answers otherwise"
+    assert page._master is Master.KNOWS_NODE, "it answers otherwise"
 
 
 def test_a_page_that_a_new_master_does_not_know_says_so_and_listens_anew(page, monkeypatch):
@@ -194,7 +194,7 @@ def test_a_page_that_a_new_master_does_not_know_says_so_and_listens_anew(page, m
         meet(page, monkeypatch, server.server_address[1])
         server.shutdown()
         thread.join()
-    assert page._is_master_gone
+    assert page._master is Master.IS_NEW
     page._topics.close.assert_called_once_with()
 
 
