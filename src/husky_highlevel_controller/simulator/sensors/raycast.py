@@ -16,7 +16,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from math import asin, atan2, hypot, inf, pi, sqrt
-from typing import List, NamedTuple, Sequence, Tuple
+from typing import Callable, List, NamedTuple, Optional, Sequence, Tuple
 
 import numpy as np
 
@@ -155,8 +155,7 @@ def cast_rays(scene: RayScene, pose_laser_in_world: Pose, beams: Beams, max_rang
     # each shape below shortens the distances of the beams that meet this shape first
     distances = np.empty(len(beams.bearings))
     distances.fill(inf)
-    # [m] upper bound of all finite distances; inf if it is not known. Distances beyond `max_range` are
-    # searched only if the bound is above `max_range`, because the search takes time.
+    # [m] no finite distance is larger than this bound, which is inf if no bound is known
     farthest = 0.0
     for point, normal in scene.planes:
         farthest = max(farthest, _meet_plane(point, normal, origin, laser, beams, max_range, distances))
@@ -168,7 +167,7 @@ def cast_rays(scene: RayScene, pose_laser_in_world: Pose, beams: Beams, max_rang
             farthest = max(farthest, _meet_one(solid, origin, laser, beams, max_range, distances))
     for mesh in scene.meshes:
         farthest = max(farthest, meet_mesh(mesh, origin, laser, beams, max_range, distances))
-    if farthest > max_range:
+    if farthest > max_range:  # this saves time, because most scans of few shapes have no such distance
         distances[distances > max_range] = inf
     return distances
 
@@ -236,24 +235,37 @@ def _meet_one(
     if radius_squared < 0.0 or to_middle - solid.bound > max_range:
         return 0.0
     farthest, radius = to_middle + solid.bound, sqrt(radius_squared)
-    # 3. the part of the formula that is the same for all beams, see `Formula`
-    needed_axes, prepare, enter = FORMULAS[solid.kind]
-    axes = [along_axes(laser, axis) for axis in solid.axes[needed_axes]]
-    row_terms, number_terms = prepare(center, axes, solid.size)
-    rows, numbers = np.array(row_terms), np.array(number_terms)[:, None]
+    # 3. only the beams towards the circle are computed, or all beams if the laser is inside the circle
     is_inside_circle = to_middle <= radius
-    if solid.kind == CYLINDER and not is_inside_circle:
-        (axis,), (_, _, half_length) = axes, solid.size  # a cylinder's formula needs only the axis along it
-        if _stays_between_ends(center, axis, half_length, way=farthest):
-            enter = enter_flank  # faster, because it leaves out the ends
-    # 4. only the beams towards the circle are computed, or all beams if the laser is inside the circle
     half_angle = pi if is_inside_circle else asin(radius / to_middle)
+    enter, rows, numbers = _formula_at(solid, center, laser, None if is_inside_circle else farthest)
     for first, end in _beams_around(beams, atan2(y, x), half_angle):
         entries = enter(np.dot(rows, beams.directions[:, first:end]), numbers)
         distances_there = distances[first:end]  # a view, so that the next line changes `distances`
-        # a beam that misses has nan, which `fmin` ignores
+        # a beam that misses has inf or nan; `fmin` ignores nan
         np.fmin(distances_there, entries, out=distances_there)
     return farthest
+
+
+def _formula_at(
+    solid: RaySolid, center: Vector3, laser: Axes, way: Optional[float]
+) -> Tuple[Callable[[np.ndarray, np.ndarray], np.ndarray], np.ndarray, np.ndarray]:
+    """Return `enter` of the solid's `Formula`, with the rows (F, 2) and the numbers (G, 1) that it needs.
+
+    Args:
+        solid: the solid.
+        center: centre of the solid in the laser's frame [m].
+        laser: axes of the laser in the world.
+        way: largest distance at which a beam can meet the solid [m]; None if the laser may be inside.
+    """
+    needed_axes, prepare, enter = FORMULAS[solid.kind]
+    axes = [along_axes(laser, axis) for axis in solid.axes[needed_axes]]
+    rows, numbers = prepare(center, axes, solid.size)
+    if solid.kind == CYLINDER and way is not None:
+        (axis,), (_, _, half_length) = axes, solid.size  # a cylinder's formula needs only the axis along it
+        if _stays_between_ends(center, axis, half_length, way):
+            enter = enter_flank  # faster, because it leaves out the ends; the laser must be outside
+    return enter, np.array(rows), np.array(numbers)[:, None]
 
 
 def _stays_between_ends(center: Vector3, axis: Vector3, half_length: float, way: float) -> bool:
@@ -314,23 +326,30 @@ def _meet_many(
         distances: distances of the beams (N,) [m], changed in place.
     """
     centers = (scene.positions - origin) @ laser.T  # (M, 3) centres in the laser's frame
-    # each candidate is a solid with neighbouring beams that may meet it: the first beam, and their number
+    # a candidate is a solid with neighbouring beams that may meet it: the first beam, and their number
     solids, first_beams, beam_counts = _candidates(centers, scene.bounds, beams.bearings, max_range)
     kinds = scene.kinds[solids]
     for kind, formula in enumerate(FORMULAS):  # FORMULAS[kind] is the formula of BOX, CYLINDER or SPHERE
-        chosen = np.flatnonzero(kinds == kind)  # (K,) candidates of this kind
-        if len(chosen):
-            # solid of each candidate, and number of its beams, (K,) each
-            solid, count = solids[chosen], beam_counts[chosen]
-            # beam of each pair (P,); the pairs of one candidate come one after the other
-            beam = beams_of(first_beams[chosen], count)
-            # the A axes that the formula needs, in the laser's frame: (K, A, 3), and then (A, 3, K)
-            axes = (scene.axes[solid, formula.axes] @ laser.T).transpose(1, 2, 0)
-            center, size, direction = centers[solid].T, scene.sizes[solid].T, beams.directions[:, beam]
-            entries = _entries_of_pairs(formula, center, axes, size, count, direction)
-            # A beam that misses has nan, which `fmin` ignores. A beam may be in several pairs; without `at`,
-            # only one of them would count.
-            np.fmin.at(distances, beam, entries)
+        of_kind = np.flatnonzero(kinds == kind)  # indices of the K candidates of this kind
+        if not len(of_kind):
+            continue
+        # for each candidate: its solid, and the number of its beams, (K,) each
+        solids_of_kind, counts = solids[of_kind], beam_counts[of_kind]
+        # for each pair: its beam (P,); the pairs of one candidate come one after the other
+        beams_of_pairs = beams_of(first_beams[of_kind], counts)
+        # the A axes that the formula needs, in the laser's frame: (K, A, 3), and then (A, 3, K)
+        axes = (scene.axes[solids_of_kind, formula.axes] @ laser.T).transpose(1, 2, 0)
+        entries = _entries_of_pairs(
+            formula,
+            centers[solids_of_kind].T,
+            axes,
+            scene.sizes[solids_of_kind].T,
+            counts,
+            beams.directions[:, beams_of_pairs],
+        )
+        # A beam that misses has inf or nan; `fmin` ignores nan. A beam may be in several pairs; without `at`,
+        # only one of them would count.
+        np.fmin.at(distances, beams_of_pairs, entries)
 
 
 def _entries_of_pairs(
@@ -365,7 +384,9 @@ def _entries_of_pairs(
 def _candidates(
     centers: np.ndarray, bounds: np.ndarray, bearings: np.ndarray, max_range: float
 ) -> Tuple[Indices, Indices, Indices]:
-    """Find the beams that may meet each solid: those towards the ball around the solid, as in `_meet_one`.
+    """Find the beams that may meet each solid: those towards the ball around the solid.
+
+    The scan plane cuts the ball in a circle, which is drawn in `_meet_one`.
 
     Args:
         centers: centres of the solids in the laser's frame, (M, 3) [m].
@@ -379,28 +400,59 @@ def _candidates(
         candidates, because it has beams at both ends of the scan.
     """
     x, y, z = centers.T
-    # distance from the laser to the middle of the circle in which the scan plane cuts a ball, and the squared
-    # radius of this circle; negative if the plane misses the ball
+    # distance from the laser to the middle of each circle, and its squared radius, which is negative if the
+    # scan plane misses the ball
     to_middle, radius_squared = np.hypot(x, y), bounds * bounds - z * z
-    solid = np.flatnonzero((radius_squared >= 0.0) & (to_middle - bounds <= max_range))
-    to_middle, radius = to_middle[solid], np.sqrt(radius_squared[solid])
-    # angle from the middle of each circle to its edges, seen from the laser [rad]; 1e-9 rad are added, so
-    # that rounding loses no beam that touches an edge
-    half_angle = np.arcsin(np.minimum(radius / to_middle, 1.0)) + 1e-9
-    is_inside_circle = to_middle <= radius
-    half_angle[is_inside_circle] = pi + 1e-9  # the laser is inside, so all beams may meet the solid
-    middle = np.arctan2(y[solid], x[solid])
-    low, high = middle - half_angle, middle + half_angle
-    # The bearings pi and -pi are the same direction. A solid that reaches over this direction is added a
-    # second time, for the beams at the other end of the scan. For example, a solid from 170 to 190 degrees is
-    # added from -190 to -170 degrees.
-    over_right, over_left = np.flatnonzero(low < -pi), np.flatnonzero(high > pi)
-    if len(over_right) or len(over_left):
-        solid = np.concatenate([solid, solid[over_right], solid[over_left]])
-        low = np.concatenate([low, low[over_right] + 2.0 * pi, low[over_left] - 2.0 * pi])
-        high = np.concatenate([high, high[over_right] + 2.0 * pi, high[over_left] - 2.0 * pi])
+    # indices of the K solids whose circles are within `max_range`
+    near = np.flatnonzero((radius_squared >= 0.0) & (to_middle - bounds <= max_range))
+    middle = np.arctan2(y[near], x[near])  # bearing of the middle of each circle
+    half_angle = _half_angles(to_middle[near], np.sqrt(radius_squared[near]))
+    solids, low, high = _with_other_end(near, middle - half_angle, middle + half_angle)
     # bearings ascend, so the beams from `low` to `high` are neighbours
-    first_beam = bearings.searchsorted(low)
-    count = bearings.searchsorted(high, side="right") - first_beam
-    has_beams = np.flatnonzero(count)
-    return solid[has_beams], first_beam[has_beams], count[has_beams]
+    first_beams = bearings.searchsorted(low)
+    counts = bearings.searchsorted(high, side="right") - first_beams
+    has_beams = np.flatnonzero(counts)
+    return solids[has_beams], first_beams[has_beams], counts[has_beams]
+
+
+def _half_angles(to_middle: np.ndarray, radius: np.ndarray) -> np.ndarray:
+    """Return the angle from the middle of each circle to its edge, seen from the laser, (K,) [rad].
+
+    The angle is pi if the laser is inside the circle, because all beams may meet the solid then. In addition,
+    1e-9 rad are added, so that rounding loses no beam that touches an edge.
+
+    Args:
+        to_middle: distances from the laser to the middles of the circles (K,) [m].
+        radius: radii of the circles (K,) [m].
+    """
+    sine = np.minimum(
+        radius / to_middle, 1.0
+    )  # above 1 if the laser is inside, where `arcsin` would give nan
+    return np.where(to_middle <= radius, pi, np.arcsin(sine)) + 1e-9
+
+
+def _with_other_end(
+    solids: Indices, low: np.ndarray, high: np.ndarray
+) -> Tuple[Indices, np.ndarray, np.ndarray]:
+    """Add each solid behind the laser a second time, for its beams at the other end of the scan.
+
+    The bearings pi and -pi are the same direction. So a solid from 170 to 190 degrees has beams at the left
+    end of the scan, up to 180 degrees, and also at the right end, from -180 degrees on. The solid is added
+    again, from -190 to -170 degrees.
+
+    Args:
+        solids: index of each solid (K,).
+        low: right edge of each solid, seen from the laser (K,) [rad].
+        high: left edge of each solid (K,) [rad].
+
+    Returns:
+        The same three arrays, with an additional entry for each solid that reaches over the direction pi.
+    """
+    over_right, over_left = np.flatnonzero(low < -pi), np.flatnonzero(high > pi)
+    if not len(over_right) and not len(over_left):
+        return solids, low, high
+    return (
+        np.concatenate([solids, solids[over_right], solids[over_left]]),
+        np.concatenate([low, low[over_right] + 2.0 * pi, low[over_left] - 2.0 * pi]),
+        np.concatenate([high, high[over_right] + 2.0 * pi, high[over_left] - 2.0 * pi]),
+    )
