@@ -22,8 +22,9 @@ BOX, CYLINDER, SPHERE = 0, 1, 2
 Number = Any  # a number of one shape, or an array with a number for each shape
 Number3 = Tuple[Number, Number, Number]
 # Rows and numbers of a shape, (F, 2[, K]) and (G[, K]); K is the number of shapes if there are several. A row
-# is the x and y of a vector whose scalar product with the direction d of each beam is needed. As d is
-# horizontal in the laser's frame, the vector's z is not needed. The numbers do not depend on the beam.
+# (u, v) is the x and y of a vector whose scalar product with the direction d of each beam is needed:
+# u d_x + v d_y. As d is horizontal in the laser's frame, the vector's z is not needed. The numbers do not
+# depend on the beam.
 Prepared = Tuple[Sequence[Any], Sequence[Number]]
 
 
@@ -73,10 +74,10 @@ def _prepare_cylinder(center: Number3, axes: Sequence[Number3], size: Number3) -
         t = (s.m -+ sqrt((s.m)^2 - s.s (m.m - radius^2))) / s.s
           = (s.m -+ sqrt(radius^2 s.s - (d.m)^2)) / s.s
 
-    The last line holds because s.s m.m - (s.m)^2 = (d.m)^2. This form of the root is precise for a cylinder
-    far away, too, but the form above it is not. `_flank` computes the terms of the last line.
+    The last line holds because s.s m.m - (s.m)^2 = (d.m)^2. The last line is used and not the line above it,
+    whose root is not precise for a cylinder far away. `_flank` computes s.s and this root.
 
-    - rows: for the terms that depend on d. The product of a row (u, v) with d is d_x u + d_y v.
+    - rows: for the terms that depend on d.
     - numbers: e_z^2 and radius^2, for `_flank`; the depth of the laser in the cylinder without ends; and of
       the slab between the two ends, along the axis: its middle, half of its thickness, and the depth of the
       laser in it. A depth is negative if the laser is outside.
@@ -106,16 +107,15 @@ def _enter_cylinder(along: np.ndarray, numbers: np.ndarray) -> np.ndarray:
     between the two ends.
 
     Args:
-        along: products of each beam's direction d with the four rows of `_prepare_cylinder`, (4, P); the last
-            is the component of d along the axis.
-        numbers: the six numbers of `_prepare_cylinder`.
+        along: products d.m, s.m, s_z and d.e of each beam's direction d, (4, P), see `_prepare_cylinder`.
+        numbers: e_z^2, radius^2, depth of the laser in the cylinder without ends; middle and half thickness
+            of the slab, and depth of the laser in it, (6, ...). A depth is negative if the laser is outside.
     """
-    # the depths are negative if the laser is outside of the cylinder without ends, or of the slab
-    _, _, depth_in_side, middle, half_length, depth_between_ends = numbers
-    d_e = along[3]
-    a, ahead, root = _flank(along, numbers)
-    is_parallel = a < 1e-18  # beam along the axis of the cylinder
-    side_entry, side_exit = _span((ahead - root) / a, (ahead + root) / a, is_parallel, depth_in_side)
+    d_m, s_m, s_z, d_e = along  # d.e is the component of d along the axis
+    square_of_ez, square_of_radius, depth_in_side, middle, half_length, depth_between_ends = numbers
+    s_s, root = _flank(d_m, s_z, square_of_ez, square_of_radius)
+    is_parallel = s_s < 1e-18  # beam along the axis of the cylinder
+    side_entry, side_exit = _span((s_m - root) / s_s, (s_m + root) / s_s, is_parallel, depth_in_side)
     slab_entry, slab_exit = _slab(d_e, middle, half_length, depth_between_ends)
     return _entry_or_inf(np.maximum(side_entry, slab_entry), np.minimum(side_exit, slab_exit))
 
@@ -128,26 +128,23 @@ def enter_flank(along: np.ndarray, numbers: np.ndarray) -> np.ndarray:
     of the course is such a case, because its pillar is upright and the lidar level. The omitted checks would
     take a fifth of the time.
     """
-    a, ahead, root = _flank(along, numbers)
-    return (ahead - root) / a
+    d_m, s_m, s_z, _ = along
+    s_s, root = _flank(d_m, s_z, square_of_ez=numbers[0], square_of_radius=numbers[1])
+    return (s_m - root) / s_s
 
 
-def _flank(along: np.ndarray, numbers: np.ndarray) -> Tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return a, ahead and root: beams meet the side of a cylinder at the distances (ahead -+ root) / a.
+def _flank(
+    d_m: np.ndarray, s_z: np.ndarray, square_of_ez: np.ndarray, square_of_radius: np.ndarray
+) -> Tuple[np.ndarray, np.ndarray]:
+    """Return s.s and root: beams meet the side of a cylinder at the distances (s.m -+ root) / s.s.
 
     A beam has the direction d. The cylinder has the centre c, and its axis is the unit vector e. With
-    s = d x e and m = c x e, `_prepare_cylinder` finds the solution::
-
-        a = s.s,    ahead = s.m,    root = sqrt(radius^2 s.s - (d.m)^2)
-
-    `root` is nan if the beam misses the cylinder.
+    s = d x e and m = c x e, `_prepare_cylinder` finds root = sqrt(radius^2 s.s - (d.m)^2). The root is nan if
+    the beam misses the cylinder.
     """
-    # products of d with the rows of `_prepare_cylinder`: d.m, s.m, s_z and d.e
-    d_m, ahead, s_z, _ = along
-    square_of_ez, square_of_radius = numbers[0], numbers[1]
-    # s is (d_y ez, -d_x ez, s_z), and d_x^2 + d_y^2 = 1, so s.s = ez^2 + s_z^2
-    a = square_of_ez + s_z * s_z
-    return a, ahead, np.sqrt(square_of_radius * a - d_m * d_m)
+    # s_x = d_y e_z and s_y = -d_x e_z, because d_z = 0. So s_x^2 + s_y^2 = e_z^2, because d has the length 1.
+    s_s = square_of_ez + s_z * s_z
+    return s_s, np.sqrt(square_of_radius * s_s - d_m * d_m)
 
 
 def _prepare_sphere(center: Number3, axes: Sequence[Number3], size: Number3) -> Prepared:
@@ -160,7 +157,10 @@ def _prepare_sphere(center: Number3, axes: Sequence[Number3], size: Number3) -> 
         (t - ahead)^2 + aside^2 + z^2 = radius^2
     """
     x, y, z = center
-    return ((y, -x), (x, y)), (size[0] * size[0] - z * z,)
+    radius, _, _ = size
+    row_of_aside = (y, -x)  # the product with d is d_x y - d_y x
+    row_of_ahead = (x, y)  # the product with d is d.c
+    return (row_of_aside, row_of_ahead), (radius * radius - z * z,)
 
 
 def _enter_sphere(along: np.ndarray, numbers: np.ndarray) -> np.ndarray:
