@@ -67,28 +67,39 @@ def meet_mesh(
         0 if no beam can meet the mesh, otherwise inf. `cast_rays` takes the result as an upper bound of the
         distances at which beams meet the mesh. The real bound is not computed, so inf stands for it.
     """
-    # 1. no beam meets a mesh if the ball around the mesh does not reach the scan plane, or is out of range
+    if not _ball_reaches_scan(mesh, origin, laser, max_range):
+        return 0.0
+    # 1. heights of the corners above the scan plane [m], which are their z in the laser's frame
+    axes = np.array([along_axes(mesh.axes, axis) for axis in laser])  # the laser's axes in the mesh's frame
+    offset = np.array(along_axes(laser, minus(mesh.position, origin)))  # mesh's origin in the laser's frame
+    heights = mesh.vertices @ axes[2] + offset[2]
+    # 2. the plane cuts the triangles that have corners on both sides
+    a, b, c = (heights > 0.0)[mesh.faces]  # (F,) each: true if this corner of a triangle is above the plane
+    cut = np.flatnonzero((a != b) | (b != c))
+    if len(cut):
+        start, end = _segments(mesh, cut, heights, axes[:2], offset[:2])
+        _meet_segments(start, end, beams, distances)
+    return inf
+
+
+def _ball_reaches_scan(mesh: RayMesh, origin: Vector3, laser: Axes, max_range: float) -> bool:
+    """Return whether the ball around a mesh reaches the scan plane and is in range; if not, no beam meets it.
+
+    Args:
+        mesh: the mesh at its pose.
+        origin: position of the laser in the world [m].
+        laser: axes of the laser in the world.
+        max_range: a ball that is farther from the laser is out of range [m].
+    """
     (ax, ay, az), (cx, cy, cz) = mesh.axes, mesh.centre
-    # centre of the ball in the world, and then in the laser's frame
-    middle = (
+    # position of the mesh, plus the centre of the ball along the mesh's axes
+    centre_in_world = (
         mesh.position[0] + cx * ax[0] + cy * ay[0] + cz * az[0],
         mesh.position[1] + cx * ax[1] + cy * ay[1] + cz * az[1],
         mesh.position[2] + cx * ax[2] + cy * ay[2] + cz * az[2],
     )
-    x, y, z = along_axes(laser, minus(middle, origin))
-    if abs(z) > mesh.bound or hypot(x, y) - mesh.bound > max_range:
-        return 0.0
-    # 2. heights of the corners above the scan plane [m]
-    laser_in_mesh = np.array([along_axes(mesh.axes, axis) for axis in laser])  # axes of the laser (3, 3)
-    mesh_in_laser = along_axes(laser, minus(mesh.position, origin))  # position of the mesh's frame [m]
-    heights = mesh.vertices @ laser_in_mesh[2] + mesh_in_laser[2]
-    # 3. the plane cuts the triangles that have corners on both sides
-    a, b, c = (heights > 0.0)[mesh.faces]  # (F,) each: true if this corner of a triangle is above the plane
-    cut = np.flatnonzero((a != b) | (b != c))
-    if len(cut):
-        start, end = _segments(mesh, cut, heights, laser_in_mesh[:2], np.array(mesh_in_laser[:2]))
-        _meet_segments(start, end, beams, distances)
-    return inf
+    x, y, height = along_axes(laser, minus(centre_in_world, origin))
+    return abs(height) <= mesh.bound and hypot(x, y) - mesh.bound <= max_range
 
 
 def _segments(
@@ -105,25 +116,36 @@ def _segments(
         axes: the laser's x and y axes in the mesh's frame.
         offset: x and y of the mesh's origin in the laser's frame [m].
     """
-    corners = mesh.faces[:, cut]  # (3, K)
+    corners = _lone_corner_first(mesh.faces[:, cut], heights)
+    # x and y of the corners in the laser's frame, (2, 3, K) [m]
+    points = np.array([mesh.vertices[corners] @ axis + shift for axis, shift in zip(axes, offset)])
+    lone, second, third = points[:, 0], points[:, 1], points[:, 2]  # (2, K) each
+    # The plane crosses the two edges that begin at the lone corner. For example, if the lone corner is 3 m
+    # above the plane and the second corner is 1 m below, the crossing is at 3 / 4 of this edge.
+    lone_height, second_height, third_height = heights[corners]
+    start = lone + lone_height / (lone_height - second_height) * (second - lone)
+    end = lone + lone_height / (lone_height - third_height) * (third - lone)
+    return start, end
+
+
+def _lone_corner_first(corners: Indices, heights: np.ndarray) -> Indices:
+    """Return the corners of each triangle, rotated so that the corner that is alone on its side is first.
+
+    The plane cuts each triangle, so one corner is on one side of the plane, and two are on the other side.
+
+    Args:
+        corners: three corners of each of the K triangles, (3, K).
+        heights: heights of the mesh's corners above the plane [m].
+    """
     above = heights[corners] > 0.0
-    # number of the corner that is alone on its side of the plane: 0 if corners 1 and 2 are on the same side,
-    # 1 if corners 0 and 2 are on the same side, otherwise 2
-    lone = np.full(len(cut), 2)
+    # number of the lone corner: 0 if corners 1 and 2 are on the same side, 1 if corners 0 and 2 are on the
+    # same side, otherwise 2
+    lone = np.full(corners.shape[1], 2)
     lone[above[0] == above[2]] = 1
     lone[above[1] == above[2]] = 0
-    # rotate the corners of each triangle, so that the lone corner comes first; for example, if corner 1 is
-    # alone, its triangle has the order 1, 2, 0
-    order = (lone + np.arange(3)[:, None]) % 3  # (3, K)
-    corners = corners[order, np.arange(len(cut))]
-    first, second, third = heights[corners]
-    # x and y of the corners in the laser's frame, (3, K) each [m]
-    x, y = (mesh.vertices[corners] @ axis + shift for axis, shift in zip(axes, offset))
-    # the plane crosses the two edges that begin at the lone corner, at these fractions of their lengths
-    to_second, to_third = first / (first - second), first / (first - third)
-    start = np.array([each[0] + to_second * (each[1] - each[0]) for each in (x, y)])
-    end = np.array([each[0] + to_third * (each[2] - each[0]) for each in (x, y)])
-    return start, end
+    order = (lone + np.arange(3)[:, None]) % 3  # (3, K), such as 1, 2, 0 if corner 1 is alone
+    rotated: Indices = corners[order, np.arange(corners.shape[1])]
+    return rotated
 
 
 def _meet_segments(start: np.ndarray, end: np.ndarray, beams: Beams, distances: np.ndarray) -> None:
@@ -169,19 +191,19 @@ def _segments_and_beams(
     """
     start_bearing, end_bearing = np.arctan2(start[1], start[0]), np.arctan2(end[1], end[0])
     low, high = np.minimum(start_bearing, end_bearing), np.maximum(start_bearing, end_bearing)
-    # A segment behind the laser may cross the direction pi, which is the same as -pi. Its beams are then from
-    # `high` to the last beam, and from the first beam to `low`. For example, the ends may be at 170 and -160
-    # degrees. For the beams up to `low`, the segment gets a second entry, which is appended.
-    behind = np.flatnonzero(high - low > pi)
-    segment = np.concatenate([np.arange(len(low)), behind])
-    from_bearing = np.concatenate([low, np.full(len(behind), -inf)])
-    to_bearing = np.concatenate([high, low[behind]])
-    from_bearing[behind], to_bearing[behind] = high[behind], inf
+    # The beams of a segment are from `low` to `high`. But a segment behind the laser, whose ends are for
+    # example at 170 and -160 degrees, crosses the direction pi, which is the same as -pi. This segment has
+    # two entries: from `high` to the last beam, and from the first beam to `low`.
+    crosses_pi = high - low > pi
+    crossing = np.flatnonzero(crosses_pi)
+    segments = np.concatenate([np.arange(len(low)), crossing])
+    from_bearings = np.concatenate([np.where(crosses_pi, high, low), np.full(len(crossing), -inf)])
+    to_bearings = np.concatenate([np.where(crosses_pi, inf, high), low[crossing]])
     # bearings ascend, so the beams that may meet a segment are neighbours
-    first_beam = bearings.searchsorted(from_bearing - _SLACK)
-    count = bearings.searchsorted(to_bearing + _SLACK, side="right") - first_beam
-    has_beams = np.flatnonzero(count)
-    return segment[has_beams], first_beam[has_beams], count[has_beams]
+    first_beams = bearings.searchsorted(from_bearings - _SLACK)
+    counts = bearings.searchsorted(to_bearings + _SLACK, side="right") - first_beams
+    has_beams = np.flatnonzero(counts)
+    return segments[has_beams], first_beams[has_beams], counts[has_beams]
 
 
 def beams_of(first: Indices, count: Indices) -> Indices:
