@@ -112,7 +112,7 @@ def build(folders: Folders, needed: FrozenSet[str], underlay: Workspace) -> Buil
         NotMarkableError: the build has made a link that leads out of the workspace.
         MarkingError: nothing can be built here.
     """
-    first_outcome, missing, needed = _make_with_stand_ins(folders, needed, underlay)
+    first_outcome, stand_ins, needed = _make_with_stand_ins(folders, needed, underlay)
     outcome, used_old_boost = _make_again_if_repairable(folders, needed, underlay, first_outcome)
     # if the build failed without an error of the compiler, the fault may be this machine's, so an empty
     # workspace is built as a test
@@ -122,39 +122,52 @@ def build(folders: Folders, needed: FrozenSet[str], underlay: Workspace) -> Buil
         # The server process of `forked` imports its modules while the run is prepared, so the run begins
         # sooner. If the build fails, there is usually no run, so the modules are not needed.
         import_early()
-    notes = _notes_on_build(folders.root, missing, used_old_boost, outcome)
+    notes = _notes_on_build(folders.root, stand_ins, used_old_boost, outcome)
     return Build(_built_workspace(folders, underlay), tuple(notes))
 
 
 def _make_with_stand_ins(
     folders: Folders, needed: FrozenSet[str], underlay: Workspace
 ) -> Tuple[BuildOutcome, Set[str], FrozenSet[str]]:
-    """Build until CMake misses no further package, and return outcome, missing packages and built packages.
+    """Build until CMake misses no further package, and return outcome, stand-ins and built packages.
 
-    CMake stops at a missing package. If this package is part of the submission, a package.xml does not name
-    it as a dependency. So the next attempt builds it, too. The student's catkin_make builds all packages, so
-    the student has not noticed this. Any other missing package is not installed here, and gets a stand-in: an
-    empty package of this name, with which code that uses nothing of the package builds.
+    CMake stops at a package that it does not find. There are two cases:
+
+    - The package is part of the submission, but is not among the needed packages, because a package.xml does
+      not name it as a dependency. Then the next attempt builds it, too. On the student's computer, this
+      fault has no effect, because catkin_make builds all packages there.
+    - The package is not installed here. Then it gets a stand-in: an empty package of this name. Code that
+      uses nothing of the package builds with the stand-in.
+
+    Args:
+        folders: workspace with the packages of the submission.
+        needed: names of the packages that the first attempt builds.
+        underlay: workspace below the submission.
+
+    Returns:
+        The outcome of the last attempt, the names of the stand-ins, and the names of all packages that were
+        built.
     """
     handed_in = set(folders.packages)
-    missing: Set[str] = set()  # packages that got a stand-in
+    stand_ins: Set[str] = set()
     outcome = BuildOutcome("", None)
     for _ in range(MAX_BUILDS):
         outcome = _catkin_make(folders, needed, underlay, repair="")
+        # the build has taken too long, or has succeeded
+        if outcome.code is None or outcome.code == 0:
+            break
         not_found = missing_packages(outcome.output)
-        # packages that are handed in, but not built yet
         forgotten = (not_found & handed_in) - needed
-        # packages that are not installed, and have no stand-in yet
-        unknown = not_found - handed_in - missing
-        # the stand-ins of all builds together are at most MAX_STAND_INS
-        new = sorted(unknown)[: MAX_STAND_INS - len(missing)]
-        if not outcome.code or not (new or forgotten):
-            break  # the build has succeeded, has taken too long, or fails for another reason
+        not_installed = not_found - handed_in - stand_ins
+        # the stand-ins of all attempts together are at most MAX_STAND_INS
+        new_stand_ins = sorted(not_installed)[: MAX_STAND_INS - len(stand_ins)]
+        if not forgotten and not new_stand_ins:
+            break  # the build fails for another reason
         needed |= forgotten
-        missing |= set(new)
-        for name in new:
+        stand_ins |= set(new_stand_ins)
+        for name in new_stand_ins:
             _write_stand_in(folders, name)
-    return outcome, missing, needed
+    return outcome, stand_ins, needed
 
 
 def _write_stand_in(folders: Folders, name: str) -> None:
@@ -222,19 +235,24 @@ def _built_workspace(folders: Folders, underlay: Workspace) -> Workspace:
     """Return the workspace in which the submission's built packages are found, on top of the underlay.
 
     Raises:
-        NotMarkableError: the build has replaced a folder or file that marking uses by a link.
+        NotMarkableError: the build has put a link in place of a folder or file that marking uses.
     """
+    # a failed build may have written no setup file
+    new_setups = [folders.setup] if folders.setup.exists() else []
+    # `build` leaves out packages that the launch file does not need; ROS finds these by their sources
     sources = folders.root / "src"
-    new_setups = [folders.setup] if folders.setup.exists() else []  # a failed build may have written none
     # The build runs code of the student, which may replace a folder by a link that leads out of the
     # workspace. Then the sandbox would show the link's target to the submission, and marking would write into
     # the target.
     places = [sources, *new_setups, *folders.packages.values()]
     if not all(is_below(place, folders.root) for place in places):
         raise NotMarkableError("its build replaces src or devel/setup.bash by a link; remove that step")
-    setups = (*underlay.setups, *new_setups)
-    packages = (*underlay.packages, sources)
-    return Workspace(setups, packages, hidden=underlay.hidden, own=VisibleCode.NOTHING)
+    return Workspace(
+        setups=(*underlay.setups, *new_setups),
+        packages=(*underlay.packages, sources),
+        hidden=underlay.hidden,
+        own=VisibleCode.NOTHING,
+    )
 
 
 def _check_machine_builds(folder: Path, underlay: Workspace) -> None:

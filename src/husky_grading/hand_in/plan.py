@@ -183,14 +183,16 @@ def _write_events(
 def package_path(events: Sequence[Event], workspace: Workspace) -> Optional[Path]:
     """Return the folder in which roslaunch has found the launchable's package, or None if there is none.
 
-    The folder comes from an event "package". A submission can write any event, so a folder outside of the
-    workspace does not count.
+    The folder comes from an event "package". A submission can write any event, so a folder counts only if it
+    is in a folder in which ROS searches packages: in one of the workspace, or of our own environment.
     """
     roots = [Path(root) for root in os.environ.get("ROS_PACKAGE_PATH", "").split(os.pathsep)]
-    roots += [*workspace.packages, *(setup.parents[1] for setup in workspace.setups)]
+    roots += workspace.packages
+    # a setup file is WORKSPACE/devel/setup.bash, and the packages are below WORKSPACE
+    roots += [setup.parents[1] for setup in workspace.setups]
     for event in events:
         if event.event == "package":
             path = Path(os.path.normpath(event.path))
-            if not {path, *path.parents}.isdisjoint(roots):
+            if any(folder in roots for folder in (path, *path.parents)):
                 return path
     return None

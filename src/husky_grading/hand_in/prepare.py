@@ -260,16 +260,15 @@ def _prepare_choice(
         NotMarkableError: there is no package or no fitting launch file.
     """
     packages, choice_notes = choice
-    out, override = Path(job.out), job.override  # `override` has the teacher's settings for this student
-    exercise = override.exercise or 0  # `prepare_hand_in` has set the number, so 0 never occurs
+    override = job.override  # the teacher's settings for this student
     notes = [*contents.notes, *choice_notes]
     if not packages:
         raise NotMarkableError("; ".join(["the submission has no catkin package", *notes]))
-    folders, repair_notes = copy_packages(packages, out / "ws")
+    folders, repair_notes = copy_packages(packages, Path(job.out, "ws"))
     # Launch files may need files that the student has added to a public package, such as husky_gazebo. So
     # launch files find a copy of this package, which is not built and whose repairs are not reported.
     public_packages = copies_of_public(contents.packages)
-    public_folders, _ = copy_packages(public_packages, out / COPIES)
+    public_folders, _ = copy_packages(public_packages, Path(job.out, COPIES))
     copied = [*packages, *public_packages]
     try:
         candidates = _candidates(contents, copied, folders, public_folders, underlay, job, facts)
@@ -277,43 +276,61 @@ def _prepare_choice(
         raise NotMarkableError("; ".join([str(error), *notes])) from error
     if candidates and override.launch:
         notes.append(f"launch file {candidates[0].place}: named in marking.yaml")
-    # `launch` is the launch file that is started; None if the teacher has named a node, because there are no
-    # candidates then
+    # `launch` is the launch file that is started. It is None if the teacher names a node, because then there
+    # are no candidates.
     launch, built, build_notes = _build_candidates(candidates, packages, folders, underlay)
     notes += [*repair_notes, *build_notes]
     launchable = _launchable_of(launch, override)
-    # the chosen launch file and all launch files that are equally good; empty if no other one is equally good
-    equal_places: List[str] = []
+    # paths of the chosen launch file and of all that fit as well; empty if no other launch file fits as well
+    equal_places: Tuple[str, ...] = ()
     if launch is None:
         can_start = is_built(f"{launchable.package}/{launchable.name}", folders)
     else:
         can_start = _is_any_built(launch, folders)
-        if not override.launch:
-            notes.append(reasons(launch, candidates, exercise))
-            other_places = equal_launch_files(launch, candidates, exercise, facts)
-            if other_places:
-                equal_places = [str(launch.place), *other_places]
-                notes.append(_note_on_equal_launch_files(other_places))
-        if add_rviz_files(contents, exercise, folders.packages[launch.package]):
+        if not override.launch:  # `grade` and not the teacher has chosen the launch file
+            launch_notes, equal_places = _explain_choice(launch, candidates, override, facts)
+            notes += launch_notes
+        if add_rviz_files(contents, override.exercise or 0, folders.packages[launch.package]):
             notes.append("RViz's configuration was found outside of the packages")
     # the submission is started with its built packages and the copies of public packages
     packages_seen = (*built.workspace.packages, *public_folders.packages.values())
     workspace = _with_robot_packages(facts, replace(built.workspace, packages=packages_seen))
-    planned = launch.plan if launch else Plan()
-    # if the launch file could not be read before the build, it is read again, because it may need files of
-    # the build
-    if not planned.is_read:
-        planned = plan(launchable, workspace, out / "plan", facts.robot_packages)
+    if launch and launch.plan.is_read:
+        planned = launch.plan
+    else:
+        # A node has no plan yet. A launch file that could not be read before the build may need files that
+        # the build makes, so it is read again.
+        planned = plan(launchable, workspace, Path(job.out, "plan"), facts.robot_packages)
+    # roslaunch may have found the package at another path, but the student's files are in this copy
     planned = replace(planned, package_path=folders.packages.get(launchable.package))
-    # A build that fails only in parts that the launchable does not need is not a problem. If the launchable
-    # does not exist at all, there is no error of the build, and `prepare` finds that no node starts.
+    # Errors of the build are a problem only if no node of the launchable was built. If there are no errors,
+    # but still no node, then the node does not exist, and `prepare` adds this problem.
     build_errors = tuple(note for note in built.notes if note.kind is Kind.BUILD)
     submission = Submission(
         launchable, workspace, folders.root, problem=() if can_start else build_errors,
         notes=(*(Note(Kind.HAND_IN, text) for text in notes), *built.notes),
-        own=tuple(package.name for package in packages), equals=tuple(equal_places),
+        own=tuple(package.name for package in packages), equals=equal_places,
     )  # fmt: skip
     return submission, planned
+
+
+def _explain_choice(
+    launch: LaunchFile, candidates: Sequence[LaunchFile], override: Override, facts: Facts
+) -> Tuple[List[str], Tuple[str, ...]]:
+    """Return notes for the student on why a launch file was chosen, and the paths of equally good ones.
+
+    If other launch files fit as well, a note says how the teacher can grade one of them, and the paths are
+    those of the chosen launch file and of the others. If no other launch file fits as well, there are no
+    paths.
+    """
+    exercise = override.exercise or 0  # `prepare_hand_in` has set the number, so 0 never occurs
+    notes = [reasons(launch, candidates, exercise)]
+    other_places = equal_launch_files(launch, candidates, exercise, facts)
+    if not other_places:
+        return notes, ()
+    lines = ", ".join(f"`launch: {place}`" for place in other_places)
+    notes.append(f"other launch files fit as well; to grade one of them, write into marking.yaml: {lines}")
+    return notes, (str(launch.place), *other_places)
 
 
 def _candidates(
@@ -363,12 +380,6 @@ def _launchable_of(launch: Optional[LaunchFile], override: Override) -> Launchab
     # the result shows the path that the student knows, and not the path of the copy on this machine
     title = " ".join([str(launch.place), *override.arguments])
     return Launchable("launch", launch.package, str(launch.path), override.arguments, title)
-
-
-def _note_on_equal_launch_files(places: Sequence[str]) -> str:
-    """Return a note that says how the teacher can grade one of the other launch files, by their paths."""
-    lines = ", ".join(f"`launch: {place}`" for place in places)
-    return f"other launch files fit as well; to grade one of them, write into marking.yaml: {lines}"
 
 
 def _build_candidates(

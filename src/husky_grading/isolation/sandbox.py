@@ -76,7 +76,7 @@ class Workspace:
     """Setup files and folders that an untrusted program uses, and folders that it must not see."""
 
     setups: Tuple[Path, ...] = ()  # setup.bash files that are sourced in the sandbox, in this order
-    # folders of packages that need no build; they are added to ROS_PACKAGE_PATH
+    # folders in which ROS finds packages that are not built; they are added to ROS_PACKAGE_PATH
     packages: Tuple[Path, ...] = ()
     # folders that the program must not see, such as other submissions and results
     hidden: Tuple[Path, ...] = ()
