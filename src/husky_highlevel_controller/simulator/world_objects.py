@@ -5,7 +5,7 @@ In: bodies. Out: their poses; a scene to cast rays into.
 
 from __future__ import annotations
 
-from typing import Callable, Dict, List, Mapping, Sequence, Tuple
+from typing import Callable, Dict, List, Mapping, NamedTuple, Sequence, Tuple
 
 from husky_highlevel_controller.datatypes import (
     Body,
@@ -25,6 +25,17 @@ from husky_highlevel_controller.simulator.sensors.raycast import RayScene, make_
 def model_of_body(name: str) -> str:
     """Return the name of the model to which a body of this name belongs."""
     return name.split("::")[0]
+
+
+class _MovableShape(NamedTuple):
+    """Collision shape of a movable body, and its place in the lidar's scene."""
+
+    # function that moves the shape in the scene: `RayScene.move`, or `RayScene.move_mesh` for a mesh; it
+    # takes the `scene_index` of the shape, and the new pose of the shape in the world
+    move: Callable[[int, Pose], None]
+    scene_index: int  # `move` finds the shape by this index
+    body: str  # name of the body
+    geometry: Geometry
 
 
 class WorldObjects:
@@ -217,16 +228,12 @@ class WorldObjects:
         """
         if self._scene_is_stale:
             self._build_scene()
-        for move, index, name, geometry in self._movable_shapes:
-            move(index, compose(self._bullet.pose_of(name), geometry.pose_in_body))
+        for move, scene_index, body, geometry in self._movable_shapes:
+            move(scene_index, compose(self._bullet.pose_of(body), geometry.pose_in_body))
         return self._scene
 
     def _build_scene(self) -> None:
-        """Make the lidar's scene of all collision shapes, and list the shapes that `scene` must move.
-
-        Each entry of the list has the function of the scene that moves the shape, the shape's index for this
-        function, the name of its body, and its geometry.
-        """
+        """Make the lidar's scene of all collision shapes, and list the shapes that `scene` must move."""
         shapes_and_poses: List[Tuple[Shape, Pose]] = []
         # bodies and geometries of the solid shapes and of the meshes, which the scene counts separately
         solids: List[Tuple[Body, Geometry]] = []
@@ -240,10 +247,11 @@ class WorldObjects:
                 elif not isinstance(geometry.shape, Plane):  # a plane never moves
                     solids.append((body, geometry))
         self._scene = make_scene(shapes_and_poses)
-        self._movable_shapes: List[Tuple[Callable[[int, Pose], None], int, str, Geometry]] = []
+        # shapes of the movable bodies, which physics may move from one scan to the next
+        self._movable_shapes: List[_MovableShape] = []
         for move, shapes in ((self._scene.move, solids), (self._scene.move_mesh, meshes)):
             for index, (body, geometry) in enumerate(shapes):
                 # physics does not move a static body; a request that moves it makes the scene stale
                 if body.mass > 0.0:
-                    self._movable_shapes.append((move, index, body.name, geometry))
+                    self._movable_shapes.append(_MovableShape(move, index, body.name, geometry))
         self._scene_is_stale = False
