@@ -96,15 +96,31 @@ def robot_description(robot: str = "husky", meshes: Optional[str] = None, **argu
 def _own_or_given(given: str, arguments: Mapping[str, str]) -> str:
     """Return the user's own description if the simulator can use it, otherwise the given description.
 
-    A launch file may spawn a robot of its own description by spawn_model. Then this description is on the
-    parameter server, and the environment variable VARIABLE has the name of its parameter.
-
     Args:
         given: URDF text that the arguments produce.
         arguments: arguments of the command line by name, see ARGUMENTS.
 
     Raises:
         DescriptionError: the user's own description is not a text.
+    """
+    own = _own_description()
+    name = arguments.get("robot", "husky")
+    # To find the parts that the user has added, the user's description is compared with descriptions that
+    # have all equipment of the robot. The user may have started from the description with meshes (None) or
+    # with plain shapes (""), so there is one of each.
+    fully_equipped = [robot_description(name, meshes, kinect_enabled=True) for meshes in (None, "")]
+    sensor_frames = _sensor_frames(name, arguments)
+    text, warning = choose_description(own, given, fully_equipped, load_robot(name), sensor_frames)
+    if warning:
+        print(f"warning: {warning}", file=sys.stderr)
+    return text
+
+
+def _own_description() -> str:
+    """Return the user's own description from the parameter server. Raises DescriptionError if it is not text.
+
+    A launch file may spawn a robot of its own description by spawn_model. Then this description is on the
+    parameter server, and the environment variable VARIABLE has the name of its parameter.
     """
     # imported only here, because every launch waits for this program, but few launches need `ask`
     from husky_highlevel_controller.xml_rpc import ask
@@ -115,24 +131,21 @@ def _own_or_given(given: str, arguments: Mapping[str, str]) -> str:
         raise DescriptionError(
             f"{VARIABLE} names the parameter {parameter}, which holds no robot description; set it to a URDF"
         )
-    name = arguments.get("robot", "husky")
-    robot = load_robot(name)
-    sensor_frames = []  # frames of the sensors that the arguments enable
+    return own
+
+
+def _sensor_frames(robot: str, arguments: Mapping[str, str]) -> List[str]:
+    """Return the names of the frames of the sensors that the arguments enable on a robot of ROBOTS."""
+    frames = []
     if _is_true(arguments.get("laser_enabled", "true")):
-        if name == "smb":
-            sensor_frames.append(robot.lidar_mount.frame)
+        if robot == "smb":
+            frames.append(load_robot(robot).lidar_mount.frame)
         else:
             # only on the Husky, the argument laser_prefix changes the name of the lidar's frame
-            sensor_frames.append(f"{arguments.get('laser_prefix', 'front')}_laser")
+            frames.append(f"{arguments.get('laser_prefix', 'front')}_laser")
     if _is_true(arguments.get("kinect_enabled", "false")):
-        sensor_frames.append(CAMERA_FRAME)
-    # The user's description is compared with these, to find out what the user has added. One has meshes
-    # (None), and one has plain shapes (empty), because the user may have started from either of them.
-    fully_equipped = [robot_description(name, meshes, kinect_enabled=True) for meshes in (None, "")]
-    text, warning = choose_description(own, given, fully_equipped, robot, sensor_frames)
-    if warning:
-        print(f"warning: {warning}", file=sys.stderr)
-    return text
+        frames.append(CAMERA_FRAME)
+    return frames
 
 
 def _is_true(flag: str) -> bool:
