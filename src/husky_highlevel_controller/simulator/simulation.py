@@ -340,8 +340,8 @@ class Simulation:
         """Put a body, or the robot, somewhere else, at rest.
 
         The robot is put with its wheels on the floor. The pose in the odometry changes by the same move, so
-        that the frame odom keeps its x, y and yaw in the world. Only the height of odom changes, because odom
-        is always as high as base_link.
+        that the frame odom keeps its x, y and yaw in the world. The height of odom in the world changes if
+        the new floor is higher or lower, because odometry has no height: odom is as high as base_link.
 
         Raises:
             PlacementError: no object has this name, or another object is in the way; then nothing changes.
@@ -405,18 +405,19 @@ class Simulation:
             PlacementError: another object is in the way; then nothing changes.
         """
         pose_before = self._chassis.state.pose_in_world
-        self._chassis.move(pose_base_in_world)
-        # The last sample of odometry may be some steps old, so a new sample adds the way that the robot had
-        # driven before the move. It comes after the move, because a refused move shall change nothing. The
-        # move has not changed what the sample needs: the angles of the wheels and the yaw rate of the IMU.
+        self._chassis.move(pose_base_in_world)  # the first change, because this line may raise PlacementError
+        # 1. The last sample of odometry may be some steps old. So a new sample adds the way that the robot
+        # drove until the move. It needs the angles of the wheels and the yaw rate of the IMU, which the move
+        # has not changed.
         self._odometer.sample(self._chassis.wheels(), self._equipment.imu.yaw_rate, self._steps_since_reset)
-        # pose of the world in odom, from the robot's poses before the move; the move does not change it
+        # 2. odom stays where it is in the world, so the odometry gets the robot's new pose in odom
         pose_world_in_odom = world_in_odom(pose_before, self._odometer.filtered.pose_base_in_odom)
-        self._height_of_last_floor = self.ground_height
-        self._equipment.imu.restart()
-        self._equipment.drive.reset()
         pose_base_in_odom = compose(pose_world_in_odom, self._chassis.state.pose_in_world)
         self._odometer.relocate(pose_to_2d(pose_base_in_odom))
+        # 3. the robot is at rest at another place
+        self._equipment.imu.restart()
+        self._equipment.drive.reset()
+        self._height_of_last_floor = self.ground_height
 
     def reset_poses(self) -> None:
         """Put the robot and every body back to their first poses, at rest.
