@@ -240,13 +240,10 @@ def _read_model(model: Model, parent: _Place) -> None:
 
     The assembly takes the links, frames and joints. A second model of the same name is left out with a note.
     """
-    assembly, node, name = parent.assembly, model.node, model.name
-    assert assembly is not None  # `_whole_model` has put it into the parent of the outermost model
+    assembly, node = parent.assembly, model.node
+    assert assembly is not None  # see `_Place.assembly`
     node.note_unknown()
-    # Without a <name> in the <include>, a model has the name in its file. A world may include the same file
-    # several times, so the name gets a number if it is taken.
-    if model.include and not model.include.child("name"):
-        name = _free_name(name, parent, node)
+    name = _name_in_parent(model, parent)
     full_name = parent.full_name_of(name)
     if full_name in node.load.names:
         (model.include or node).note("a second model of the same name is left out, as in Gazebo", name)
@@ -254,21 +251,36 @@ def _read_model(model: Model, parent: _Place) -> None:
     node.load.names.add(full_name)
     place = _place_of_model(model, name, parent)
     is_outermost = not parent.full_name
-    if is_outermost:
+    if is_outermost:  # `_whole_model` has given the assembly the name in the file
         assembly.name, assembly.pose_in_world = full_name, place.pose_in_world
     _read_links(node, place, assembly)
-    for frame in node.children("frame"):
-        # SDF attaches a frame without `attached_to` to the model itself
-        attached_to = frame.element.get("attached_to") or "__model__"
-        frame_name = place.full_name_of(frame.named())
-        # this dictionary says for each frame to which other frame, link or model it is attached
-        assembly.frames[frame_name] = place.full_name_of(attached_to)
+    _read_frames(node, place, assembly)
     for joint in node.children("joint"):
         assembly.add_joint(joint, full_name)
-    # read the models inside this model, which yield no bodies; a generator does nothing until it is iterated
+    # add the models inside this model to the assembly, too; they yield no bodies, but the generator does its
+    # work only in a loop
     for _ in _bodies_in(node, place):
         pass
     _attach_to_link(node, place, assembly)
+
+
+def _name_in_parent(model: Model, parent: _Place) -> str:
+    """Return the name of a model in its parent, with a number if the name in an included file is taken.
+
+    A world may include the same file several times without a <name>, and then each of these models has the
+    name in the file.
+    """
+    if model.include and not model.include.child("name"):
+        return _free_name(model.name, parent, model.node)
+    return model.name
+
+
+def _read_frames(node: Node, place: _Place, assembly: Assembly) -> None:
+    """Add the frames of a <model> to an assembly, each with the frame to which it is attached."""
+    for frame in node.children("frame"):
+        # SDF attaches a frame without `attached_to` to the model itself
+        attached_to = frame.element.get("attached_to") or "__model__"
+        assembly.frames[place.full_name_of(frame.named())] = place.full_name_of(attached_to)
 
 
 def _attach_to_link(model: Node, place: _Place, assembly: Assembly) -> None:
