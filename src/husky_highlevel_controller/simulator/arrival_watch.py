@@ -108,7 +108,7 @@ def pillar_of(body: Body, pose_body_in_world: Pose) -> Optional[PillarPlace]:
     (geometry,) = body.collisions
     pose_in_world = compose(pose_body_in_world, geometry.pose_in_body)
     (_, _, axis_z) = rotate(pose_in_world.quat_xyzw, (0.0, 0.0, 1.0))
-    # the cylinder may also stand on its head
+    # if the cylinder stands upside down, its axis points down; it is still a pillar
     if not isinstance(geometry.shape, Cylinder) or abs(axis_z) < cos(MAX_TILT):
         return None
     x, y, _ = pose_in_world.position

@@ -257,7 +257,7 @@ class Chassis:
                 # The shape of a tyre in Bullet is two cylinders: a narrow one with the wheel's radius, and a
                 # wide one whose radius is smaller by FLANK_DEPTH. A contact on the round side of either
                 # cylinder is on the tyre. A contact nearer to the axle is on the flat side of the wheel or on
-                # the body. A wheel does not stand on such a contact, so it counts as one on the hull.
+                # the body. Such a contact cannot carry the wheel, so it counts as a contact of the hull.
                 depth = radius - hypot(x - wheel_x, z - wheel_z)  # [m] below the tread
                 if -CONTACT_DEPTH <= depth <= FLANK_DEPTH + CONTACT_DEPTH:
                     return index

@@ -151,7 +151,7 @@ class CommandHabits:
     def _slow(self, command: _Command, memory: _Sender, gap: float) -> Optional[Finding]:
         """Return the rate of a sender whose command had expired before each of its last SLOW_GAPS commands.
 
-        A command that comes in time, or after a pause, starts the count of the gaps again, and so does a
+        The count of the gaps starts again after a command that comes in time, after a pause, and after a
         finding. `gap` is the time between the last two commands of the sender [s].
         """
         has_expired = self._timeout < gap <= LONGEST_GAP

@@ -201,10 +201,10 @@ def _places(uri: str, source: str) -> Iterator[Path]:
 def model_folders(name: str, source: str) -> Iterator[Path]:
     """Yield the folders in which a model or package may be, in the order of the search.
 
-    1. folders of this name in GAZEBO_MODEL_PATH and ROS_PACKAGE_PATH
-    2. the folders above the source, and the folders in these two paths, if they themselves have this name
-    3. folders of this name in the folders above the source
-    4. folders of this name in `models` in the nearest three folders above the source
+    1. FOLDER/NAME for each FOLDER in GAZEBO_MODEL_PATH and ROS_PACKAGE_PATH
+    2. each folder above the source whose own name is NAME, then each such FOLDER in the two paths
+    3. FOLDER/NAME for each FOLDER above the source
+    4. FOLDER/models/NAME for the nearest three folders above the source
 
     Args:
         name: name of the model or package.

@@ -126,7 +126,7 @@ class Assembly:
         links = [self.links[name] for name in names]
         first = links[0]
         if len(links) == 1:
-            return first  # `_read_links` has already given a lone link its name
+            return first  # if the model has no other link, `_read_links` has given the link the model's name
         collisions: List[Geometry] = []
         visuals: List[Geometry] = []
         for link in links:

@@ -125,9 +125,8 @@ def _bodies_to_draw(bodies: Mapping[str, Body]) -> Dict[str, Body]:
         if body.collisions:
             to_draw[name] = body
         elif body.visuals:
-            # without mass, because nothing moves here, and the mass is that of other shapes
-            # Bullet makes a convex hull of a mesh that can move, and refuses a plane that can move. A body
-            # without mass is static, so its meshes are drawn as they are, and its planes are accepted.
+            # Nothing moves in the renderer, so the body gets no mass, which makes it static. With a mass,
+            # Bullet would draw a mesh as its convex hull, and refuse a plane.
             to_draw[name] = replace(body, collisions=body.visuals, mass=0.0)
     return to_draw
 
