@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from math import nan
+from math import inf, nan
 from typing import Any, List, Optional, Tuple
 
 import numpy as np
@@ -16,7 +16,7 @@ from husky_highlevel_controller.robot import ROBOTS, load_robot
 from husky_web.actions import Actions
 
 MAX_TIME = 3600.0  # [s] longest recording, because it is kept in memory
-# [s] if time goes back by more than this, the simulator was started again; less is a late message
+# [s] if time goes back by more than this, the simulator was started again; otherwise a message is late
 RESTART_STEP = 1.0
 RECORD, END, SAVE = "Record", "End", "Save as a page"
 # row of a recording: time [s]; x, y [m] and yaw [rad] of base_link; x, y [m] of the pillar, NaN if unknown
@@ -43,17 +43,22 @@ class Recorder:
     def tick(self, time: Optional[float], base: Optional[Pose], pillar: Optional[Vector3]) -> None:
         """Record the robot's pose and the pillar's position [m], both in the fixed frame, at a time [s].
 
-        The recording ends if the simulator is started again, because the times of a replay must grow.
+        The times of a recording must grow. So a late message is left out, and the recording ends if the
+        simulator is started again.
         """
         rows = self._rows
         if not self._is_on or time is None:
             return
-        if rows and time < rows[-1][0] - RESTART_STEP:
+        last_time = rows[-1][0] if rows else -inf  # [s]
+        if time < last_time - RESTART_STEP:  # the simulator was started again
             if len(rows) > 1:
                 self.stop()
                 return
-            rows.clear()  # the recording was begun between the two runs, so its only row is from the old one
-        if base is None or (rows and time <= rows[-1][0]):
+            # RECORD was pressed after the old run had ended, so the only row is the last moment of the old
+            # run. The recording begins again with the new run.
+            rows.clear()
+            last_time = -inf
+        if base is None or time <= last_time:  # the pose is unknown, or this time is not new
             return
         pillar_x, pillar_y = (nan, nan) if pillar is None else pillar[:2]
         rows.append((time, *pose_to_2d(base), pillar_x, pillar_y))
@@ -110,15 +115,6 @@ def recording_page(rows: List[Row], robot_name: str) -> str:
         raise HuskyError(f"nothing is recorded yet; press {RECORD}, then {END}")
     table = np.array(rows)
     times, poses, pillars = table[:, 0], table[:, 1:4], table[:, 4:]  # the columns of `Row`
-    is_known = np.isfinite(pillars).all(axis=1)
-    if is_known.any():
-        # While the pillar is lost, the replay shows it at its last known position. Until the controller has
-        # found it, the replay shows it at the first position that was found.
-        first_known = np.argmax(is_known)
-        rows_of_known = np.where(is_known, np.arange(len(table)), first_known)
-        # A row without a pillar has the number `first_known`. So the largest number up to a row is the number
-        # of the last row with a known pillar, or `first_known`.
-        pillars = pillars[np.maximum.accumulate(rows_of_known)]
     name = robot_name if robot_name in ROBOTS else "husky"
     return to_html(
         Replay(
@@ -126,8 +122,28 @@ def recording_page(rows: List[Row], robot_name: str) -> str:
             f"{times[-1] - times[0]:.0f} s, recorded in the page",
             times,
             poses,
-            pillars if is_known.any() else pillars[:0],  # an empty array if no pillar was ever known
+            _without_gaps(pillars),
             pillar_radius=PILLARS[name].radius,
             robot=load_robot(name),
         )
     )
+
+
+def _without_gaps(pillars: np.ndarray) -> np.ndarray:
+    """Return the pillar's positions (N, 2) [m], with a position in place of each NaN; empty if all are NaN.
+
+    While the pillar is lost, the replay shows it at its last known position. Before the controller has found
+    it, the replay shows it at the first position that was found. For example, NaN, 3, NaN, 5 become
+    3, 3, 3, 5.
+    """
+    is_known = np.isfinite(pillars).all(axis=1)
+    known = pillars[is_known]
+    if not len(known):
+        return known
+    shown = known[0]
+    positions = []
+    for position, is_position_known in zip(pillars, is_known):
+        if is_position_known:
+            shown = position
+        positions.append(shown)
+    return np.array(positions)
