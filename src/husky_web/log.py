@@ -64,7 +64,8 @@ class LogBuffer:
     """The last lines of the whole network."""
 
     def __init__(self) -> None:
-        self.count = 0  # number of all lines that have come so far
+        # number of all lines that were added so far; a page shows the log again if this number has changed
+        self.count = 0
         self.warning: Optional[Line] = None  # newest line with the level WARN or worse; None if there is none
         self._lines: Deque[Line] = deque(maxlen=CAPACITY)
 
@@ -77,7 +78,10 @@ class LogBuffer:
         self.count += 1
 
     def add_earlier(self, lines: Iterable[Line]) -> None:
-        """Put the last EARLIER lines of a file before the lines that came as messages; drop doubled lines."""
+        """Put the last EARLIER lines of a file before the lines that came as messages.
+
+        Lines of the file that came as messages, too, are left out.
+        """
 
         def rounded(line: Line) -> Line:
             """Return a line with a stamp of six digits after the point, as in the file."""
@@ -85,11 +89,12 @@ class LogBuffer:
 
         received = {rounded(line) for line in list(self._lines)}
         earlier = [line for line in lines if rounded(line) not in received]
-        # the latest of the earlier lines are kept, so that no line is missing between old and new ones
-        count = min(EARLIER, CAPACITY - len(self._lines), len(earlier))
-        earlier = earlier[len(earlier) - count :]
+        # the newest of the earlier lines are kept, so that no line is missing between them and the messages
+        room = min(EARLIER, CAPACITY - len(self._lines))
+        earlier = earlier[max(0, len(earlier) - room) :]
+        # `extendleft` puts each line before all others, so the newest of the earlier lines must come first
         self._lines.extendleft(reversed(earlier))
-        self.count += len(earlier)
+        self.count += len(earlier)  # a page shows the log again if this number has changed
 
     def select(self, condition: Filter) -> List[Counted]:
         """Return the newest lines that pass, newest first, as many as a page can show.
