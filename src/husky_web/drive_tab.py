@@ -74,7 +74,9 @@ class Light(NamedTuple):
     level: int  # level of a DiagnosticStatus, such as 0 for OK
     message: str
     heard_at: float  # [s] wall time at which it came
-    heard_time: Optional[float]  # [s] simulated time at which it came; None if unknown
+    # [s] simulated time at which its node became silent: when the diagnostic came, or the first known time
+    # after that; None while simulated time is unknown
+    silent_since: Optional[float]
 
 
 class DriveTab:
@@ -152,31 +154,40 @@ class DriveTab:
                 if name in self._lights or len(self._lights) < MAX_LIGHTS:
                     self._lights[name] = Light(item.level, item.message[:MAX_LETTERS], now, time)
                 if self._is_of_controller(name):
-                    values = {pair.key: pair.value for pair in item.values}
-                    self._state = values.get("state", "")[:MAX_LETTERS]
-                    # The request is forgotten as soon as the state agrees with it. A state that contradicts
-                    # the request may come from a message that was sent before the service answered.
-                    agrees = self._is_start_requested is (self._state != STOPPED)
-                    is_old = now - self._requested_at > STALE_STATUS
-                    if agrees or is_old:
-                        self._is_start_requested = None
+                    self._take_state(item, now)
         self._mark_stale(now, time)
 
-    def _mark_stale(self, now: float, time: Optional[float]) -> None:
-        """Mark the lights without a message for STALE_LIGHT.
+    def _take_state(self, item: Any, now: float) -> None:
+        """Take in the controller's state from its diagnostic, and end a request to start or stop it.
 
-        `now` is wall time, and `time` is simulated time [s]. STALE_LIGHT must pass in both, because nodes
-        send their diagnostics by simulated time, which may be slow or stand still.
+        A state that contradicts the request may be older than the request. So the request ends only if the
+        state agrees, or if more than STALE_STATUS has passed; `now` is wall time [s].
+        """
+        values = {pair.key: pair.value for pair in item.values}
+        self._state = values.get("state", "")[:MAX_LETTERS]
+        is_started = self._state != STOPPED
+        # without a request, `_is_start_requested` is None, so it agrees with no state
+        agrees = self._is_start_requested == is_started
+        if agrees or now - self._requested_at > STALE_STATUS:
+            self._is_start_requested = None
+
+    def _mark_stale(self, now: float, time: Optional[float]) -> None:
+        """Mark the lights whose node has been silent for more than STALE_LIGHT.
+
+        `now` is wall time, and `time` is simulated time [s]. If simulated time is known, the node must have
+        been silent for STALE_LIGHT in both times. Nodes send their diagnostics by simulated time, which may
+        be slow or stand still.
         """
         for name, light in list(self._lights.items()):
-            # the light's age begins again at 0 if simulated time has only now become known, or has become
-            # smaller, because the simulator was started again
-            if time is not None and (light.heard_time is None or time < light.heard_time):
-                light = self._lights[name] = light._replace(heard_time=time)
-            simulated_seconds = inf
-            if time is not None and light.heard_time is not None:
-                simulated_seconds = time - light.heard_time
-            if min(now - light.heard_at, simulated_seconds) > STALE_LIGHT:
+            silence = now - light.heard_at  # [s] in wall time
+            if time is not None:
+                since = light.silent_since
+                if since is None or time < since:  # time was unknown, or the simulator was started again
+                    since = time
+                    light = self._lights[name] = light._replace(silent_since=since)
+                # the shorter one of the silences in both times
+                silence = min(silence, time - since)
+            if silence > STALE_LIGHT:
                 message = f"no status for more than {STALE_LIGHT:g} s; the node may have ended"
                 self._lights[name] = light._replace(level=STALE_LEVEL, message=message)
                 if self._is_of_controller(name):
