@@ -61,8 +61,11 @@ class Numbers:
         if self.time is not None:
             self.clock.add(now, self.time)
         if topics.scan_count:  # otherwise no scan has come yet, so there is no stamp of a scan
-            # if the lidar ends, the rate goes down to 0, because the time of odometry goes on
-            self.scans.add(scene.scan_stamp if self.time is None else self.time, topics.scan_count)
+            # Time of this sample [s]. The time of odometry goes on if the lidar ends, so the rate of the
+            # scans then goes down to 0. Without odometry, the stamp of the newest scan is the only known
+            # time.
+            scan_time = scene.scan_stamp if self.time is None else self.time
+            self.scans.add(scan_time, topics.scan_count)
 
     def _take_motion(self, topics: Topics, now: float) -> bool:
         """Take in the measured and the commanded motion; return whether a measured motion has come."""
@@ -78,7 +81,7 @@ class Numbers:
         return odometry is not None
 
     def _take_controllers_numbers(self, topics: Topics, scene: Scene) -> None:
-        """Take in the controller's distance and bearing of the pillar, and the position of the pillar."""
+        """Take in the controller's distance to its stop point, and the pillar's bearing and position."""
         error = topics.take("error")
         if error is not None:
             # the controller's message has the remaining distance [m] in x and the bearing [rad] in y

@@ -112,15 +112,18 @@ class Objects:
         self._feedback.clear()
 
     def drop(self, key: Key, pose_in_fixed: Pose) -> None:
-        """Report to the server that a marker was dragged to a pose in the fixed frame."""
+        """Report to the server that a marker was dragged to a pose in the fixed frame.
+
+        The server then moves the object. Without a report, the object goes back to its pose before the drag.
+        """
         shown = self.shown.get(key)
         if shown is None:  # the server has removed the marker during the drag
             return
-        frame = self._frames.pose(shown.frame, self._fixed_frame)
-        if frame is None:
+        frame_in_fixed = self._frames.pose(shown.frame, self._fixed_frame)
+        if frame_in_fixed is None:  # the report needs the pose in the marker's frame, which is unknown now
             return
-        pose = compose(inverse(frame), pose_in_fixed)  # pose in the marker's own frame
-        # two of RViz's events: the new pose, and the end of the drag
+        pose = compose(inverse(frame_in_fixed), pose_in_fixed)  # pose of the marker in its frame
+        # RViz sends the same two events at the end of a drag: the new pose, and the release of the mouse
         for event in (InteractiveMarkerFeedback.POSE_UPDATE, InteractiveMarkerFeedback.MOUSE_UP):
             self._send(key, shown, pose, event, entry=0)
 

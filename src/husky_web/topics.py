@@ -23,8 +23,8 @@ from husky_highlevel_controller.robot import load_robot
 # [s] after a message, the thread that has read it pauses, so that the next messages are read together;
 # NUMBERS_PAUSE is for messages that are only shown as numbers
 PAUSE, NUMBERS_PAUSE = 0.05, 0.1
-# a message that came during a pause is read right after the pause, and causes no pause of its own; "right
-# after" means within this fraction of the pause's length
+# a message that is read at most this fraction of a pause's length after the pause has come during the pause,
+# so it causes no pause of its own
 BURST_SHARE = 0.2
 # largest number of messages of a topic that are kept until they are read; if there are more, the oldest are
 # lost
@@ -44,10 +44,9 @@ class Topics:
         """Begin without subscriptions; `names` has the topics by use, such as scan or odometry."""
         self.names = names
         self.scan_count = 0  # number of scans that have come so far
-        # [s] wall time, in the attribute `at`, at which this thread's last pause in `_push` ended. `_push`
-        # pauses after a message, so that the next messages are read together. rospy has a thread for each
-        # publisher, and each thread has pauses of its own.
-        self._pause_ended = threading.local()
+        # `_last_pause.end` is the wall time [s] at which the last pause in `_push` ended. rospy has a thread
+        # for each publisher, and each thread has a value of its own.
+        self._last_pause = threading.local()
         # messages that wait for the thread that draws; a topic in `names` keeps only the newest message,
         # because an older one is of no use, but the five uses below need every message
         self._queues: Dict[str, Deque[Received]] = {use: deque(maxlen=1) for use in names}
@@ -133,16 +132,16 @@ class Topics:
     def _push(self, use: str, topic: str, pause: float, msg: Any) -> None:
         """Keep a message, and sleep `pause` [s] so that the next messages are read together.
 
-        A message that came during the last pause is read right after it, and causes no pause of its own.
-        Without pauses, the messages of a run would wake this process 475 times per second.
+        Messages that come during the sleep wait in the connection. After the sleep, rospy calls this function
+        for each of them without a delay, and they cause no further sleep. Without sleeps, the messages of a
+        run would wake this process 475 times per second.
         """
         self._queues[use].append((topic, msg))
         if use == "scan":
             self.scan_count += 1
-        # the attribute `at` is missing before the first pause of this thread
-        seconds_since_pause = time.monotonic() - getattr(self._pause_ended, "at", -inf)
-        # a message that is read right after the pause has most probably come during the pause
-        came_during_pause = seconds_since_pause <= BURST_SHARE * pause
+        end_of_pause = getattr(self._last_pause, "end", -inf)  # -inf before the first pause of this thread
+        # true if this message has come during the pause, because it is read right after the pause
+        came_during_pause = time.monotonic() - end_of_pause <= BURST_SHARE * pause
         if not came_during_pause:
             time.sleep(pause)
-            self._pause_ended.at = time.monotonic()
+            self._last_pause.end = time.monotonic()
