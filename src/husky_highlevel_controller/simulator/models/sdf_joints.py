@@ -126,7 +126,8 @@ class Assembly:
         links = [self.links[name] for name in names]
         first = links[0]
         if len(links) == 1:
-            return first  # if the model has no other link, `_read_links` has given the link the model's name
+            # if the model has only this link, `_read_links` has given the model's name to the link
+            return first
         collisions: List[Geometry] = []
         visuals: List[Geometry] = []
         for link in links:
