@@ -179,7 +179,7 @@ class DriveTab:
         be slow or stand still.
         """
         for name, light in list(self._lights.items()):
-            silence = now - light.heard_at  # [s] in wall time
+            silence = now - light.heard_at  # [s] wall time since the last diagnostic
             if time is not None:
                 since = light.silent_since
                 if since is None or time < since:  # time was unknown, or the simulator was started again
