@@ -31,8 +31,8 @@ Answer = Tuple[str, List[Any]]
 # number of a group, and the group's answer or the error that it caused
 Answers = Generator[Tuple[int, Union[Answer, BaseException]], None, None]
 SET_PARENT_DEATH_SIGNAL = 1  # option of prctl(2): the system sends this process a signal when its parent ends
-# if this number of processes have died while they worked on one group, the group is not tried again, and its
-# result is an error
+# if a group was in the pool at this number of deaths of a process, the group is not tried again, and its
+# answer is an error
 MAX_DEATHS = 3
 
 
@@ -57,7 +57,7 @@ def run_here(
         starts_programs: the task starts other programs, so threads that wait for these are enough.
     """
     waiting = deque(range(len(groups)))  # numbers of the groups that are still to be sent
-    # number of processes that have ended during each group; the key is the number of the group
+    # number of deaths of a process while the group was in the pool; the key is the number of the group
     deaths: CounterType[int] = Counter()
     while waiting:
         pool: Executor  # threads or processes
@@ -69,14 +69,13 @@ def run_here(
         try:
             yield from _answers_of_pool(pool, task, groups, 2 * jobs, waiting, running, deaths)
         except BrokenProcessPool:
-            # A process has ended. The pool is then broken, and the groups of all its processes are lost. They
-            # go back to the front, in their order, and the next round makes another pool.
+            # A process has died. The pool is then broken, and all groups in the pool are lost. They go back
+            # to the front, in their order, and the next round makes another pool.
             lost = sorted(running.values())
-            deaths.update(lost)
+            deaths.update(lost)  # each lost group may be the cause, so each of them gets one more death
             at_limit = [number for number in lost if deaths[number] >= MAX_DEATHS]
             if at_limit:
-                # other groups may have been lost beside the cause; only the cause, which has the most deaths,
-                # is given up
+                # only the group with the most deaths is given up, because it is the most probable cause
                 worst = max(at_limit, key=lambda number: deaths[number])
                 sentence = f"task {worst + 1} of {len(groups)} ended its process {MAX_DEATHS} times"
                 yield worst, HuskyError(sentence)
@@ -90,7 +89,7 @@ def _answers_of_pool(
     pool: Executor,
     task: Callable[[Any], Any],
     groups: Sequence[Group],
-    most: int,
+    max_running: int,
     waiting: Deque[int],
     running: Dict[Future, int],
     deaths: Mapping[int, int],
@@ -101,23 +100,25 @@ def _answers_of_pool(
         pool: threads or processes.
         task: function of one item.
         groups: items of each group.
-        most: largest number of groups in the pool: two for each process, so that a process can begin the
-            second group as soon as it has ended the first one.
+        max_running: largest number of groups in the pool: two for each process, so that a process can begin
+            the second group as soon as it has ended the first one.
         waiting: numbers of the groups to send; a group that is sent is removed.
         running: gets the groups that are sent, and loses those that are answered, so that the caller knows
             the lost groups if the pool breaks.
-        deaths: number of processes that have died during each group.
+        deaths: number of deaths of a process while the group was in the pool, by the number of the group.
 
     Raises:
-        BrokenProcessPool: a process has ended.
+        BrokenProcessPool: a process has died.
     """
     while waiting or running:
         while waiting:
             number = waiting[0]
-            # A group during which a process has died waits until the pool is empty. So no two such groups run
-            # at the same time. If a process dies again, the group that is the cause gets another death, and
-            # the others that waited do not.
-            if len(running) >= (1 if deaths[number] else most):
+            # If a process dies, each group in the pool may be the cause. These groups run again, but no two
+            # of them at the same time, so that another death shows which group is the cause. For this reason,
+            # such a group waits until the pool is empty.
+            may_be_cause = deaths[number] > 0
+            has_room = not running if may_be_cause else len(running) < max_running
+            if not has_room:
                 break
             running[pool.submit(perform, task, groups[number])] = number
             waiting.popleft()  # only after `submit`, because `submit` fails if the pool is broken

@@ -37,10 +37,11 @@ class Workers:
         """
         if jobs < 1:
             raise HuskyError(f"jobs = {jobs} is less than 1")
-        self.jobs, self._cluster = jobs, None
-        self._store = Store(resume) if resume else None
+        self.jobs = jobs
+        self._store = Store(resume) if resume else None  # None if no results are kept
         self._digest = hashlib.sha256()  # hash of all results of `map`
         self._machines: Set[str] = set()  # descriptions of the machines that have computed results
+        self._cluster = None  # None if this machine does the tasks
         if cluster:
             # imported only now, because it needs Dask, which is optional
             from husky_evaluation.tasks.cluster import Cluster
@@ -95,45 +96,53 @@ class Workers:
     ) -> Iterator[Tuple[int, Any]]:
         """Yield the index and the result of each item, in the order in which the results come.
 
-        So the caller can use a result before all tasks have ended, and can go on after an error. The other
-        arguments are those of `map`. If a task raises an exception, cannot be sent, or ends its worker,
-        `on_error` gets the item and the exception, and returns the result of the item. This result is kept
-        like other results, so a later run with the same file does not try the item again. If items are sent
-        in groups of `chunk`, an exception counts for all items of its group. Without `on_error` the exception
-        is raised.
+        So the caller can use a result before all tasks have ended, and can go on after an error.
+
+        Args:
+            task: function of one item without side effects; task and items can be pickled.
+            items: arguments of the calls.
+            title: name of the tasks in the progress.
+            chunk: number of items that are sent to a worker at once, as a group.
+            starts_programs: the task starts ROS, so it runs in a thread of this process, or on workers of the
+                cluster that have the resource ROS.
+            on_error: function that returns a result for an item whose task has raised an exception, could not
+                be sent, or has ended its worker. It gets the item and the exception. An exception counts for
+                all items of its group. The result of `on_error` is kept like other results, so a later run
+                with the same file does not try the item again. Without `on_error`, the exception is raised.
         """
         # the key of a kept result depends on the code and the item, so that a result is computed again if the
         # code has changed
         code = fingerprint((code_version(), task)) if self._store else ""
         keys = [fingerprint((code, item)) for item in items] if self._store else []
-        waiting: List[int] = []  # indices of the items that have no kept result
+        to_compute: List[int] = []  # indices of the items that have no kept result
         with Progress(len(items), title) as progress:
-            for number in range(len(items)):
-                # machine and result of an earlier run; None if there is no such result
-                kept = self._store.load(keys[number]) if self._store else None
-                if kept:
-                    computer, result = kept  # `computer` describes the machine that has computed the result
-                    self._machines.add(computer)
-                    progress.update()
-                    yield number, result
-                else:
-                    waiting.append(number)
-            groups = [waiting[first : first + chunk] for first in range(0, len(waiting), chunk)]
-            items_of_groups = [[items[number] for number in group] for group in groups]
+            for index in range(len(items)):
+                # description of the machine that has computed the kept result, and the result
+                kept: Optional[Tuple[str, Any]] = self._store.load(keys[index]) if self._store else None
+                if not kept:
+                    to_compute.append(index)
+                    continue
+                computer, result = kept
+                self._machines.add(computer)
+                progress.update()
+                yield index, result
+            # a group has the indices of the items that are sent to a worker together
+            groups = [to_compute[first : first + chunk] for first in range(0, len(to_compute), chunk)]
+            items_of_groups = [[items[index] for index in group] for group in groups]
             if self._cluster:
                 answers = self._cluster.run(task, items_of_groups, starts_programs)
             else:
                 answers = run_here(task, items_of_groups, self.jobs, starts_programs)
             with closing(answers):  # `closing` cancels the waiting groups after an error in this block
-                for group_number, answer in answers:
-                    group = groups[group_number]
-                    if isinstance(answer, BaseException):
-                        answer = _answer_to_error(answer, items_of_groups[group_number], on_error)
+                for number, answer in answers:
+                    group = groups[number]
+                    if isinstance(answer, BaseException):  # the group has failed
+                        answer = _answer_to_error(answer, items_of_groups[number], on_error)
                     computer, results = answer
                     self._machines.add(computer)
                     if self._store:
                         self._store.save(
-                            {keys[number]: (computer, result) for number, result in zip(group, results)}
+                            {keys[index]: (computer, result) for index, result in zip(group, results)}
                         )
                     progress.update(len(group))
                     yield from zip(group, results)
