@@ -123,8 +123,8 @@ def fit_circle(segment: Segment, radius: float, noise: float) -> Circle:
 
         (sum_i w_i J_i J_i^T + P) step = sum_i w_i J_i e_i + P (c - c_0, r - R),    P = diag(1e-6, 1e-3, 0.6)
 
-    and is subtracted, shortened to R if it is longer. If beams are few, the radius stays as expected and the
-    depth profile gives the position. If they are many, they decide alone.
+    and is subtracted, shortened to R if it is longer. Few beams hardly change the radius, so they only give
+    the position. Many beams outweigh the expected radius.
 
     Args:
         segment: beams to fit.
@@ -153,20 +153,20 @@ def fit_circle(segment: Segment, radius: float, noise: float) -> Circle:
         # 1 / cos_i^2, so this matrix product gives all the weighted sums.
         weighted = rows / np.maximum(cosine, MIN_COSINE, out=cosine)
         products = (weighted @ weighted.T).tolist()
-        last_radius = r
+        radius_before_step = r
         (x, y, r), step_length = _improved((x, y, r), products, radius)
         if step_length < _SETTLED:
             break
-    # `products` and `error` belong to the circle before the last step, whose radius is `last_radius`. So the
-    # change to the radius by the beams alone is added to `last_radius`.
-    free_change, free_slack = _free_radius(products, len(error), noise)
+    # `error` and `products` are those of the circle before the last step. This step is usually tiny, so the
+    # errors count for the final circle, too.
     residual = sqrt(float(error @ error) / len(error))
     sum_squared_error = products[3][3]  # sum_i w_i e_i^2
+    free_change, free_slack = _free_radius(products, len(error), noise)
     return Circle(
         x=origin + x,
         y=y,
         radius=r,
-        free_radius=last_radius + free_change,
+        free_radius=radius_before_step + free_change,
         free_slack=free_slack,
         residual=residual,
         sum_squared_error=sum_squared_error,
@@ -217,24 +217,26 @@ def _free_radius(products: Products, count: int, noise: float) -> Tuple[float, f
     with the expected radius.
 
     Args:
-        products: as for `fit_step`, at the circle that is changed.
+        products: sums of the beams' errors from a circle (see `Products`); the radius of this circle changes.
         count: number of beams.
         noise: range differences below this are noise [m].
     """
     (xx, xy, xr, xe), (_, yy, yr, ye), (_, _, rr, re), (_, _, _, ee) = products
-    # covariance of x, y and r if each beam's error had the variance 1; the small weights keep the matrix
-    # invertible if the beams alone do not determine the circle
-    covariance = _inverse(xx + _X_WEIGHT, xy, xr, yy + _FREE_WEIGHT, yr, rr + _FREE_WEIGHT)
-    dx, dy, dr = _apply(covariance, (xe, ye, re))  # step of Gauss-Newton by the beams alone
+    # step of Gauss-Newton as in `fit_step`, but with small weights in place of the expectations; they keep
+    # the matrix invertible if the beams alone do not determine the circle
+    inverse = _inverse(xx + _X_WEIGHT, xy, xr, yy + _FREE_WEIGHT, yr, rr + _FREE_WEIGHT)
+    step_x, step_y, step_r = _apply(inverse, (xe, ye, re))
+    radius_change = -step_r  # a step is subtracted from the circle
+    # [m^2] sum of the squared errors after this step; the subtracted part is what the step explains
+    left_after_step = ee - (step_x * xe + step_y * ye + step_r * re)
     degrees_of_freedom = max(count - 3, 1e-3)  # a circle has three parameters
-    # the step makes the sum of the squared errors smaller by the product of the step and (xe, ye, re)
-    left_after_step = ee - (dx * xe + dy * ye + dr * re)
-    variance = max(left_after_step, 0.0) / degrees_of_freedom  # variance of one beam's error
-    standard_error = sqrt((variance + noise**2) * max(covariance[2][2], 0.0))
+    beam_variance = max(left_after_step, 0.0) / degrees_of_freedom + noise**2  # [m^2] of one beam's error
+    # if the error of each beam had the variance 1, `inverse` would be the covariance of x, y and r
+    standard_error = sqrt(beam_variance * max(inverse[2][2], 0.0))
     # Two standard errors are enough for many beams (95 %). For few beams, the variance itself is uncertain,
     # so the factor is larger, about as in Student's t distribution: 4 for five beams.
     possible_error = (2.0 + 4.0 / degrees_of_freedom) * standard_error
-    return -dr, possible_error  # the step is subtracted from the circle, so the radius changes by -dr
+    return radius_change, possible_error
 
 
 def _inverse(a: Number, b: Number, c: Number, d: Number, e: Number, f: Number) -> Matrix3[Number]:
@@ -290,11 +292,12 @@ def _terms(segment: Segment) -> np.ndarray:
 def line_squared_error(sums: np.ndarray) -> np.ndarray:
     """Return the squared errors of the best line r = a u + b v [m^2], from the sums uu, uv, vv, ur, vr, rr.
 
+    In polar coordinates, a line has the equation 1 / r = a cos + b sin, with the range r of a beam and its
+    angle. Multiplied by r^2, this is r = a u + b v, with u = r^2 cos and v = r^2 sin. A fit of this form
+    minimises the errors of r, which are measured along the beams.
+
     Args:
         sums: sums over the beams of u times u, u times v, and so on, for one segment (6,) or for many (6, S).
-            In polar coordinates, a line has the equation 1 / r = a cos + b sin, with the range r of a beam
-            and its angle. Multiplied by r^2, this is r = a u + b v, with u = r^2 cos and v = r^2 sin. So the
-            errors are errors of r, which are measured along the beams.
     """
     uu, uv, vv, ur, vr, rr = sums
     # The best a and b solve [[uu, uv], [uv, vv]] (a, b) = (ur, vr). The sum of the squared errors of this

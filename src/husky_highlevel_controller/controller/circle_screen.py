@@ -10,7 +10,7 @@ exact fit decides about the rest, so that the pillars found are the same as with
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple, Tuple
+from typing import List, NamedTuple, Tuple
 
 import numpy as np
 
@@ -73,7 +73,7 @@ class _Fits(NamedTuple):
     y: np.ndarray  # [m] y of the centre
     radius: np.ndarray  # [m]
     residual: np.ndarray  # [m] root mean square distance of the beams' end points from the circle
-    # (number of beams - 2) * log(squared errors of the circle / squared errors of the best straight line)
+    # lead of the best straight line over the circle (see LINE_ODDS); positive if the line fits better
     line_lead: np.ndarray
     near: np.ndarray  # [m] shortest range of the segment
     counts: np.ndarray  # number of beams of the segment
@@ -114,8 +114,7 @@ def _geometric_fits(segments: Segments, radius: float, noise: float) -> _Fits:
     """Fit a circle to each segment as `fit_circle` does, and compare it with a line (`_Fits.line_lead`).
 
     A circle is fitted by steps of Gauss-Newton, which make the errors along the beams small and count the
-    expected radius like one more measurement. The arrays of B beams lie segment by segment, and
-    `np.add.reduceat` makes the sums over the beams of each of the S segments.
+    expected radius like one more measurement. The arrays of B beams lie segment by segment.
 
     Args:
         segments: beams to fit.
@@ -135,11 +134,7 @@ def _geometric_fits(segments: Segments, radius: float, noise: float) -> _Fits:
     # where `fit_step` expects the centre: one radius behind the segment's shortest range.
     origin = near + radius
     x, y, r = np.zeros(len(count)), np.zeros(len(count)), np.full(len(count), radius)
-    # A step of the fit needs nine sums over the beams: xe is the sum of (derivative of the error by x) *
-    # error * weight, and so on with x, y, r and e. Each row of `terms` has the summands of one sum. The
-    # derivative by r is always -1. The rows of xr, yr and re have 1 instead of -1, and their sums get the
-    # minus sign below.
-    terms = np.empty((9, len(beams)))
+    summands = np.empty((9, len(beams)))  # memory for `_products`, which each step uses again
 
     def beam_errors() -> Tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Return the derivatives of each beam's error by x and y, the error [m], and its weight.
@@ -158,29 +153,51 @@ def _geometric_fits(segments: Segments, radius: float, noise: float) -> _Fits:
 
     for _ in range(MAX_STEPS):
         dx, dy, error, weight = beam_errors()
-        wx, wy, we = weight * dx, weight * dy, weight * error
-        # `out` writes into `terms`, so that no new arrays are made
-        np.multiply(wx, dx, out=terms[0])  # xx of each beam
-        np.multiply(wx, dy, out=terms[1])  # xy of each beam
-        np.multiply(wx, error, out=terms[2])  # xe of each beam
-        np.multiply(wy, dy, out=terms[3])  # yy of each beam
-        np.multiply(wy, error, out=terms[4])  # ye of each beam
-        terms[5:] = wx, wy, weight, we  # xr, yr, rr and re, with 1 instead of -1
-        # (S,) each: sums over the beams of each segment
-        xx, xy, xe, yy, ye, xr, yr, rr, re = np.add.reduceat(terms, starts, axis=1)
-        xr, yr, re = -xr, -yr, -re  # rr has the factor -1 twice, so it keeps its sign
-        # `fit_step` does not use the fourth row, so the row is empty
-        products = [[xx, xy, xr, xe], [xy, yy, yr, ye], [xr, yr, rr, re], []]
+        products = _products(dx, dy, error, weight, starts, summands)
         step_x, step_y, step_r = fit_step((x, y, r), products, radius)
         longest = np.maximum(np.maximum(np.abs(step_x), np.abs(step_y)), np.abs(step_r))
-        # factor that shortens a step that is longer than the radius
-        fraction = radius / np.maximum(longest, radius)
+        fraction = radius / np.maximum(longest, radius)  # below 1 if the step is longer than the radius
         x, y = x - fraction * step_x, y - fraction * step_y
         r = np.maximum(r - fraction * step_r, 0.1 * radius)
 
     _, _, error, weight = beam_errors()
     residual, line_lead = _residuals_and_line_leads(segments, error, weight, (px, py), noise)
     return _Fits(origin + x, y, r, residual, line_lead, near, count, first, last)
+
+
+def _products(
+    dx: np.ndarray,
+    dy: np.ndarray,
+    error: np.ndarray,
+    weight: np.ndarray,
+    starts: np.ndarray,
+    summands: np.ndarray,
+) -> List[List[np.ndarray]]:
+    """Return the sums over the beams of each segment that `fit_step` needs, (S,) each.
+
+    As in `Products`, xe is the sum of (derivative of the error by x) * error * weight, and so on. The fourth
+    row is empty, because `fit_step` does not use it.
+
+    Args:
+        dx: derivative of each beam's error by x, (B,).
+        dy: derivative of each beam's error by y, (B,).
+        error: error of each beam, (B,) [m].
+        weight: weight of each beam, (B,).
+        starts: index at which each segment begins, (S,).
+        summands: memory for the summands of the nine sums, (9, B).
+    """
+    wx, wy, we = weight * dx, weight * dy, weight * error
+    # `out` writes into `summands`, so that no new arrays are made
+    np.multiply(wx, dx, out=summands[0])
+    np.multiply(wx, dy, out=summands[1])
+    np.multiply(wx, error, out=summands[2])
+    np.multiply(wy, dy, out=summands[3])
+    np.multiply(wy, error, out=summands[4])
+    # the derivative of the error by r is -1; the sums with this factor get their minus sign at the end
+    summands[5:] = wx, wy, weight, we
+    xx, xy, xe, yy, ye, minus_xr, minus_yr, rr, minus_re = np.add.reduceat(summands, starts, axis=1)
+    xr, yr, re = -minus_xr, -minus_yr, -minus_re
+    return [[xx, xy, xr, xe], [xy, yy, yr, ye], [xr, yr, rr, re], []]
 
 
 def _residuals_and_line_leads(
@@ -190,7 +207,10 @@ def _residuals_and_line_leads(
     ends: Tuple[np.ndarray, np.ndarray],
     noise: float,
 ) -> Tuple[np.ndarray, np.ndarray]:
-    """Return what the errors of the fitted circles show, `residual` and `line_lead` of `_Fits`.
+    """Return how well each circle fits (`_Fits.residual`), and whether a line fits better (`line_lead`).
+
+    The lead of a line is positive if its squared errors are smaller than those of the circle. The lead grows
+    with the number of beams, because with more beams the difference is less likely to be noise.
 
     Args:
         segments: beams of S segments, B beams in all.
@@ -201,21 +221,20 @@ def _residuals_and_line_leads(
     """
     ranges, count, (px, py) = segments.ranges, segments.counts, ends
     squares = error * error
+    # products of each beam that `line_squared_error` needs, with u = r^2 cos and v = r^2 sin
     u, v = ranges * px, ranges * py
-    # A straight line has the equation 1 / r = a cos + b sin in polar coordinates. Multiplied by r^2, this is
-    # r = a u + b v with u = r^2 cos and v = r^2 sin, whose errors are differences in range. These are the six
-    # products of each beam that `line_squared_error` needs for the fit of a and b.
     line_terms = (u * u, u * v, v * v, u * ranges, v * ranges, ranges * ranges)
-    # (8, S) sums over the beams of each segment: squared distances from the circle, weighted squared errors
-    # of the circle, and six sums for the line
+    # sums over the beams of each segment, (S,): squared distances from the circle, squared errors of the
+    # circle along the beams, and the six sums for the line
     summands = np.stack((squares, weight * squares, *line_terms))
     sums = np.add.reduceat(summands, segments.starts, axis=1)
-    circle_error, line_error, noise_error = sums[1], line_squared_error(sums[2:]), count * noise**2
+    squared_distances, circle_error, line_error = sums[0], sums[1], line_squared_error(sums[2:])
     # the squared errors that noise alone would make are added to both, so that differences below the noise do
     # not count
+    noise_error = count * noise**2
     ratio = (circle_error + noise_error) / (line_error + noise_error)
     line_lead = np.maximum(count - 2, 1) * np.log(ratio)  # a line has two parameters
-    return np.sqrt(sums[0] / count), line_lead
+    return np.sqrt(squared_distances / count), line_lead
 
 
 def _silhouettes(scan: Scan, fits: _Fits, slack: float) -> Tuple[np.ndarray, np.ndarray]:
@@ -235,14 +254,17 @@ def _silhouettes(scan: Scan, fits: _Fits, slack: float) -> Tuple[np.ndarray, np.
     """
     # `[:, None]` makes an array (S,) into a column (S, 1), so that it can be combined with S rows of beams
     distance, r = np.hypot(fits.x, fits.y), fits.radius[:, None]
-    samples, angle, is_other = _sampled_beams(scan, fits, distance)
-    # [m] distance at which the line of a beam passes the circle's centre, and range at which the beam should
-    # meet the circle
+    samples, angle, is_counted = _sampled_beams(scan, fits, distance)
+    # [m] distance at which the line of a beam passes the circle's centre. Only a beam that does not count may
+    # miss the circle; the limit `r` keeps the square root below real for such a beam.
     across = np.minimum(np.abs(distance[:, None] * np.sin(angle)), r)
+    # [m] range at which the beam should meet the circle
     expected = distance[:, None] * np.cos(angle) - np.sqrt(r * r - across * across)
-    reading = scan.returns[np.clip(samples, 0, len(scan.ranges) - 1).astype(int)]
-    missing = is_other & (reading > expected + slack + _MARGIN)
-    hidden = is_other & (reading < expected - slack - _MARGIN)
+    # an index beyond the scan does not count, so any beam may stand in for it
+    in_scan = np.clip(samples, 0, len(scan.ranges) - 1).astype(int)
+    reading = scan.returns[in_scan]
+    missing = is_counted & (reading > expected + slack + _MARGIN)
+    hidden = is_counted & (reading < expected - slack - _MARGIN)
     return missing.sum(axis=1), hidden.sum(axis=1)
 
 
@@ -258,8 +280,8 @@ def _sampled_beams(
 
     Returns:
         Three arrays (S, _SAMPLES): indices of beams, angles between the beams and the direction of the
-        circle's centre [rad], and a mask of the beams that count. A beam does not count if its index is
-        beyond the beams that should meet the circle, or if it belongs to the segment itself.
+        circle's centre [rad], and a mask of the beams that count. A beam does not count if it belongs to the
+        segment itself, or if a row has more places than there are beams that should meet the circle.
     """
     step = abs(scan.angle_increment)
     # beams that pass the centre within `inner_radius` [m] should meet the circle
@@ -269,14 +291,14 @@ def _sampled_beams(
     half_width = half_angle / step
     # index of the beam that would point to the centre; it is usually not a whole number
     centre = 0.5 * (fits.first + fits.last) + np.arctan2(fits.y, fits.x) / scan.angle_increment
-    # the beams from index `low` to index `high` of the scan should meet the circle
-    low = np.maximum(np.ceil(centre - half_width), 0.0)
-    high = np.minimum(centre + half_width, len(scan.ranges) - 1.0)
-    # Each of the S rows has indices of beams from `low` on, in equal steps of 1 or more. If fewer than
-    # _SAMPLES beams should meet the circle, the last indices of a row are above `high`.
-    stride = np.maximum((high - low) / _SAMPLES, 1.0)
-    samples = np.floor(low[:, None] + stride[:, None] * np.arange(_SAMPLES))
+    # the first beam of the scan that should meet the circle, and the limit of the indices of such beams
+    first = np.maximum(np.ceil(centre - half_width), 0.0)
+    limit = np.minimum(centre + half_width, len(scan.ranges) - 1.0)
+    # Each of the S rows has _SAMPLES indices of beams, from `first` on, in equal steps of 1 or more. If fewer
+    # than _SAMPLES beams should meet the circle, the last indices of a row are above `limit`.
+    stride = np.maximum((limit - first) / _SAMPLES, 1.0)
+    samples = np.floor(first[:, None] + stride[:, None] * np.arange(_SAMPLES))
     angle = (samples - centre[:, None]) * step
     is_own = (samples >= fits.first[:, None]) & (samples <= fits.last[:, None])
-    is_other = (samples <= high[:, None]) & ~is_own
-    return samples, angle, is_other
+    is_counted = (samples <= limit[:, None]) & ~is_own
+    return samples, angle, is_counted

@@ -101,10 +101,11 @@ def _candidates(scan: Scan, config: PillarConfig) -> Segments:
 
 
 def cluster(scan: Scan, config: PillarConfig) -> Segments:
-    """Split the valid beams, at least one, into segments that may each lie on one body.
+    """Split the valid beams of a scan into segments that may each lie on one body.
 
-    The pillar's size limits the distance between neighbours in a segment. A beam that alone meets another
-    body, between beams of one segment, is omitted.
+    The pillar's size limits the distance between neighbours in a segment. If a single beam between two beams
+    on a body meets another object, this single beam is omitted, so that the body stays one segment. The scan
+    must have a valid beam.
     """
     (beams,) = scan.valid.nonzero()
     ranges = scan.returns[beams]
@@ -116,6 +117,22 @@ def cluster(scan: Scan, config: PillarConfig) -> Segments:
     # each segment ends where the next one begins, and the last segment ends at the last beam
     counts = np.concatenate((starts[1:], (len(beams),))) - starts
     return Segments(beams, ranges, counts, np.minimum.reduceat(ranges, starts), scan.angle_increment)
+
+
+def _largest_depth(spacing: np.ndarray, radius: float) -> np.ndarray:
+    """Return the largest possible difference of the ranges of two beams on one pillar [m].
+
+    The difference is largest if one beam just touches the edge of the circle. This beam passes the centre at
+    the distance `radius`, and the other beam passes it at radius - spacing. By Pythagoras, the other beam
+    meets the circle earlier by sqrt(radius^2 - (radius - spacing)^2) = sqrt((2 radius - spacing) spacing).
+
+    Args:
+        spacing: distances between the two beams [m]; above one radius, the difference no longer grows.
+        radius: radius of the pillar [m].
+    """
+    spacing = np.minimum(spacing, radius)
+    depth: np.ndarray = np.sqrt((2.0 * radius - spacing) * spacing)
+    return depth
 
 
 def _starts_of_bodies(
@@ -132,41 +149,37 @@ def _starts_of_bodies(
         ranges: their ranges (B,) [m].
 
     Returns:
-        Indices in `beams` at which bodies begin, and indices of single beams that are to be omitted. A single
-        beam is the only beam on its body, and lies between two beams that may be on one pillar.
+        Indices in `beams` at which bodies begin, and indices in `beams` of beams to omit. A beam to omit is
+        the only beam on its body, and lies between two beams that may be on one pillar.
     """
     radius = config.pillar_radius + config.radius_tolerance  # [m] largest radius that a pillar may have
     noise = 2.0 * config.max_residual  # [m] largest difference of two ranges that noise makes
 
     def on_two_bodies(left: np.ndarray, right: np.ndarray) -> np.ndarray:
         """Return a mask of pairs of beams that cannot be on one pillar; a pair is two indices in `beams`."""
-        between = beams[right] - beams[left]  # number of steps between the two beams of a pair
-        # [m] distance between the two beams at the shorter of their ranges; a range may be negative if the
-        # driver's range_min is negative, and then counts as 0
-        spacing = between * step * np.maximum(np.minimum(ranges[left], ranges[right]), 0.0)
-        # `depth` grows until the spacing is one radius, so a larger spacing counts as one radius
-        spacing = np.minimum(spacing, radius)
-        # [m] largest difference of two ranges on one pillar. The difference is largest if one beam just
-        # touches the edge of the circle, and so passes the centre at the distance `radius`. The other beam
-        # passes the centre at the distance radius - spacing. By Pythagoras, it meets the circle
-        # sqrt(radius^2 - (radius - spacing)^2) = sqrt((2 radius - spacing) spacing) earlier.
-        depth = np.sqrt((2.0 * radius - spacing) * spacing) + noise
-        different: np.ndarray = (np.abs(ranges[right] - ranges[left]) > depth) | (between > _MAX_SKIPPED + 1)
+        steps = beams[right] - beams[left]  # number of angle steps between the two beams of a pair
+        # a range may be negative if the driver's range_min is negative, and then counts as 0
+        shorter_range = np.maximum(np.minimum(ranges[left], ranges[right]), 0.0)
+        spacing = steps * step * shorter_range  # [m] distance between the two beams at the shorter range
+        is_too_deep = np.abs(ranges[right] - ranges[left]) > _largest_depth(spacing, radius) + noise
+        different: np.ndarray = is_too_deep | (steps > _MAX_SKIPPED + 1)
         return different
 
-    # the ranges of most neighbouring beams differ only by noise, so these beams need no exact test; `left`
-    # has the index of the first beam of each pair of neighbours that needs the test
-    (left,) = ((np.abs(ranges[1:] - ranges[:-1]) > noise) | (beams[1:] - beams[:-1] > 1)).nonzero()
+    # Most neighbouring beams are on one body, because no beam is missing between them and their ranges differ
+    # only by noise. Only the other pairs of neighbours are tested; `left` has the first beam of each pair.
+    has_gap = beams[1:] - beams[:-1] > 1
+    has_step = np.abs(ranges[1:] - ranges[:-1]) > noise
+    (left,) = (has_step | has_gap).nonzero()
     if not len(left):
         return np.array((0,)), left  # all beams lie on one body; no beam is omitted, and `left` is empty
-    breaks = left[on_two_bodies(left, left + 1)] + 1  # indices at which the second and each later body begin
-    # A body has only one beam if the next body begins at the next beam. For example, if bodies begin at 3, 4
-    # and 9, the beam 3 is alone on its body.
-    is_alone = breaks[1:] == breaks[:-1] + 1
-    lonely = breaks[:-1][is_alone]
-    # such a beam is omitted if the beams before and after it may lie on one body
-    single = lonely[~on_two_bodies(lonely - 1, lonely + 1)]
-    return np.concatenate(((0,), breaks)), single
+    later_starts = left[on_two_bodies(left, left + 1)] + 1  # where the second and each later body begin
+    # A body has a single beam if the next body begins at the next beam. For example, if bodies begin at 3, 4
+    # and 9, the beam 3 is single.
+    is_single = later_starts[1:] == later_starts[:-1] + 1
+    single = later_starts[:-1][is_single]
+    # a single beam is omitted if the beams before and after it may lie on one pillar
+    omitted = single[~on_two_bodies(single - 1, single + 1)]
+    return np.concatenate(((0,), later_starts)), omitted
 
 
 def _plausible(segments: Segments, config: PillarConfig) -> np.ndarray:
@@ -185,7 +198,7 @@ def _plausible(segments: Segments, config: PillarConfig) -> np.ndarray:
         & (near > 0.0)  # some drivers give 0 if there is no return
         # angle that the largest pillar fills at this distance, and a margin of one beam
         & (span <= 2.0 * np.arcsin(largest_radius / (distance + largest_radius)) + step)
-        # the side of a pillar that the lidar sees is at most one radius deep; the rest is a margin for noise
+        # the visible side of a pillar is at most one radius deep; four residuals are added for noise
         & (far - distance <= largest_radius + 4.0 * config.max_residual)
         # distance between neighbouring beams at this range; if it is larger than the pillar's diameter, too
         # few beams hit a pillar to show its shape
@@ -261,10 +274,11 @@ def _explains_best(scan: Scan, config: PillarConfig, segment: Segment, circle: C
 def _silhouette(scan: Scan, config: PillarConfig, segment: Segment, circle: Circle) -> Tuple[int, int]:
     """Return how many beams pass through a circle that they should have met, and how many are hidden.
 
-    If many beams pass through the circle, no pillar is there. A beam is hidden if a nearer object, or an end
-    of the scan, keeps it from the circle or its sides.
+    If many beams pass through the circle, no pillar is there. A beam is hidden if it ends at a nearer object
+    before it reaches the circle or a side of the circle. Each end of the scan that cuts the circle counts as
+    one hidden beam.
     """
-    step, beams = abs(segment.step), segment.beams
+    step = abs(segment.step)
     distance = hypot(circle.x, circle.y)
     # beams that pass the centre within `inner_radius` [m] should meet the circle; the angle between such a
     # beam and the direction of the centre is at most `half_angle` [rad]
@@ -273,38 +287,45 @@ def _silhouette(scan: Scan, config: PillarConfig, segment: Segment, circle: Circ
     # index of the beam that would point exactly to the circle's centre; it is usually not a whole number. The
     # x axis of `circle` points along the middle of the segment, so atan2 is the angle from there.
     centre = segment.middle + atan2(circle.y, circle.x) / segment.step
-    # Number of beams that are checked on either side of `centre`: those within `half_angle`, and one more.
-    # The last one may miss the circle, so it cannot count as `missing`. It only shows whether a nearer object
-    # hides the side of the circle.
+    # On either side of `centre`, the beams within `half_angle` are checked, and one more. This one may miss
+    # the circle, so it does not count as a beam that should have met the circle. It only shows whether a
+    # nearer object hides the side of the circle.
     half_width = half_angle / step + 1.0
+    first, last = ceil(centre - half_width), floor(centre + half_width)
+    hidden_by_ends = int(first < 0) + int(last >= len(scan.ranges))
     # [m] a beam hits the circle if its range differs from the expected range by at most this
     slack = HIT_SLACK * config.max_residual
-    first, last = ceil(centre - half_width), floor(centre + half_width)
-    # if the sum of all squared errors is below slack^2, each error is below `slack`, so every beam of the
-    # segment is a hit and need not be checked
-    is_own = np.zeros(len(scan.ranges), dtype=bool)
-    if circle.sum_squared_error < slack**2:
-        is_own[beams] = True
-    # Indices of the other beams from `first` to `last`. `nonzero` counts from the beginning of the slice, so
-    # `begin` is added. A slice may end beyond the scan, but it must not begin or end at a negative index.
+    # the beams of the segment need no check if the sum of their squared errors is below slack^2, because then
+    # each error is below `slack`
+    known_hits = segment.beams if circle.sum_squared_error < slack**2 else None
+    checked = _indices_between(first, last, len(scan.ranges), known_hits)
+    if not len(checked):
+        return 0, hidden_by_ends
+    angle = (checked - centre) * step  # [rad] angle between a beam and the direction of the circle's centre
+    excess = _excess(scan.returns[checked], angle, distance, circle.radius)
+    passes_through = (np.abs(angle) <= half_angle) & (excess > slack)
+    ends_before = excess < -slack
+    return int(np.count_nonzero(passes_through)), int(np.count_nonzero(ends_before)) + hidden_by_ends
+
+
+def _indices_between(first: int, last: int, count: int, omitted: Optional[np.ndarray]) -> np.ndarray:
+    """Return the indices of a scan's beams from `first` to `last`, without the indices in `omitted`.
+
+    `count` is the number of beams of the scan. `first` and `last` may be beyond the ends of the scan.
+    """
+    is_wanted = np.ones(count, dtype=bool)
+    if omitted is not None:
+        is_wanted[omitted] = False
+    # a negative index would count from the end of the array
     begin, end = max(first, 0), max(last + 1, 0)
-    others = (~is_own[begin:end]).nonzero()[0] + begin
-    # if the circle reaches beyond an end of the scan, this end counts as one hidden beam
-    missing, hidden = 0, (first < 0) + (last >= len(scan.ranges))
-    if len(others):
-        # [rad] angle between a beam and the direction of the circle's centre
-        angle = (others - centre) * step
-        excess = _excess(scan.returns[others], angle, distance, circle.radius)
-        missing = int(np.count_nonzero((np.abs(angle) <= half_angle) & (excess > slack)))
-        hidden += int(np.count_nonzero(excess < -slack))
-    return missing, hidden
+    return is_wanted[begin:end].nonzero()[0] + begin  # `nonzero` counts from the beginning of the slice
 
 
 def _excess(ranges: np.ndarray, angle: np.ndarray, distance: float, radius: float) -> np.ndarray:
     """Return the ranges minus the ranges at which the beams should meet a circle [m].
 
-    The result is negative if a beam ends in front of the circle. A beam that misses the circle counts as if
-    it should end at its point that is nearest to the centre.
+    The result is negative if a beam ends in front of the circle. If a beam misses the circle, its point that
+    is nearest to the centre takes the place of the point at which it should meet the circle.
 
     Args:
         ranges: ranges of the beams [m].
@@ -312,11 +333,12 @@ def _excess(ranges: np.ndarray, angle: np.ndarray, distance: float, radius: floa
         distance: distance of the centre [m].
         radius: radius of the circle [m].
     """
-    # [m] distance at which the line of a beam passes the centre
-    across, square = distance * np.sin(angle), radius * radius
-    # [m] the line enters the circle by this length before its point that is nearest to the centre
+    across = distance * np.sin(angle)  # [m] distance at which the line of a beam passes the centre
+    nearest_to_centre = distance * np.cos(angle)  # [m] range of the point that is nearest to the centre
+    # [m] length of the beam's line from the circle to this point; 0 if the line misses the circle
+    square = radius * radius
     depth = np.sqrt(square - np.minimum(across * across, square))
-    excess: np.ndarray = ranges - distance * np.cos(angle) + depth
+    excess: np.ndarray = ranges - nearest_to_centre + depth
     return excess
 
 
