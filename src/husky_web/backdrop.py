@@ -18,9 +18,9 @@ from husky_web.viser_private import place, show_in_page
 
 SIDES = 48  # number of straight sides with which the round rim of the ground and the sky's dome are drawn
 RADIUS = 400.0  # [m] distance from the robot to the horizon
-# from the distance NEAR_HAZE [m] to the horizon, the ground is hazy: at NEAR_HAZE its colour is mixed with
-# 75 % of the haze's colour, and at the horizon it has the haze's colour
-NEAR_HAZE = 120.0
+# From the distance NEAR_HAZE [m] to the horizon, the ground is hazy. At NEAR_HAZE, NEAR_HAZE_SHARE of its
+# colour is the haze's colour, and at the horizon all of it.
+NEAR_HAZE, NEAR_HAZE_SHARE = 120.0, 0.75
 # [m] up to CHECKER from the robot, the ground has a checker pattern; it has a line every SECTION, and LINE is
 # half the width of a line
 CHECKER, SECTION, LINE = 25, 5, 0.03
@@ -110,11 +110,13 @@ def _fade(length: float) -> np.ndarray:
     `length` [m] is the length of the side. The opacity reaches 1 at a distance of twice SHADOW_BLUR from the
     ends, or in the middle of a short side.
     """
-    from_end = length / 2.0 - np.abs(np.linspace(-length / 2.0, length / 2.0, SHADOW_PIXELS))  # [m]
+    # [m] distance of each pixel from the middle of the side, and from its nearer end
+    from_middle = np.abs(np.linspace(-length / 2.0, length / 2.0, SHADOW_PIXELS))
+    from_end = length / 2.0 - from_middle
     linear = np.clip(from_end / min(2.0 * SHADOW_BLUR, length / 2.0), 0.0, 1.0)
-    smooth: np.ndarray = (
-        linear * linear * (3.0 - 2.0 * linear)
-    )  # a curve without corners, which would be visible
+    # The linear opacity would change its slope abruptly at 0 and at 1, which is visible as an edge. This
+    # curve is level there.
+    smooth: np.ndarray = linear * linear * (3.0 - 2.0 * linear)
     return smooth
 
 
@@ -149,57 +151,100 @@ def checker(look: Look) -> Tuple[np.ndarray, np.ndarray]:
 
     Farther away a checker would flicker.
     """
-    # [m] positions of the quads' sides; the positions along x and along y are the same. A quad of the checker
-    # is about 1 m wide, and a quad that is a part of a line is 2 * LINE wide.
-    edges: List[float] = []
+    # [m] limits of the columns of quads along x; the rows along y have the same limits. There is one limit at
+    # each metre, but two limits at a line, because a line is a narrow column.
+    limits: List[float] = []
     for metre in range(-CHECKER, CHECKER + 1):
-        if metre % SECTION == 0:  # a line has two sides
-            edges += [metre - LINE, metre + LINE]
+        if metre % SECTION == 0:
+            limits += [metre - LINE, metre + LINE]
         else:
-            edges.append(metre)
-    # [m] lower and upper limits of the columns of quads; the rows have the same limits
-    low, high = np.array(edges[:-1]), np.array(edges[1:])
-    # (x0, y0) is the corner of each quad with the smallest x and y, and (x1, y1) is the opposite corner
-    x0, y0 = np.reshape(np.meshgrid(low, low), (2, -1))
-    x1, y1 = np.reshape(np.meshgrid(high, high), (2, -1))
-    x, y = (x0 + x1) / 2.0, (y0 + y1) / 2.0  # centre of each quad
-    is_odd = (np.floor(x) + np.floor(y)) % 2.0
-    is_line = np.minimum(x1 - x0, y1 - y0) < 3.0 * LINE
-    # fraction by which each quad is brighter than the ground: CONTRAST and -CONTRAST by turns
-    shade = np.where(is_line, look.line, CONTRAST * (1.0 - 2.0 * is_odd))
-    # strength of the pattern at each quad: 1 at the robot, 0 at the end of the pattern and beyond
-    fade = np.clip(1.0 - np.hypot(x, y) / CHECKER, 0.0, 1.0)
-    colors = (1.0 + shade * fade)[:, None] * np.array(look.ground)
-    corners = np.array([(x0, y0, 0.0 * x), (x1, y0, 0.0 * x), (x1, y1, 0.0 * x), (x0, y1, 0.0 * x)])
+            limits.append(metre)
+    low, high = np.array(limits[:-1]), np.array(limits[1:])
+    is_line = high - low < 0.5  # a line is 2 * LINE wide, and another column is about 1 m wide
+    # (N,) arrays with a number for each quad, row by row; (x0, y0) is the corner of the quad with the
+    # smallest x and y, and (x1, y1) is the opposite corner
+    x0, y0 = _all_pairs(low)
+    x1, y1 = _all_pairs(high)
+    is_in_line = np.logical_or(*_all_pairs(is_line))
+    x, y, z = (x0 + x1) / 2.0, (y0 + y1) / 2.0, 0.0 * (x0 + x1)  # centre of each quad
+    colors = _checker_colors(look, x, y, is_in_line)
+    corners = np.array([(x0, y0, z), (x1, y0, z), (x1, y1, z), (x0, y1, z)])
     # the axes (corner, coordinate, quad) become (quad, corner, coordinate); the four corners of a quad get
     # the colour of the quad
     return corners.transpose(2, 0, 1), np.repeat(colors[:, None], 4, axis=1)
 
 
+def _all_pairs(values: np.ndarray) -> np.ndarray:
+    """Return (2, N): the value of the column and the value of the row of each quad, row by row.
+
+    `values` has a value for each column; the rows have the same values.
+    """
+    return np.reshape(np.meshgrid(values, values), (2, -1))
+
+
+def _checker_colors(look: Look, x: np.ndarray, y: np.ndarray, is_line: np.ndarray) -> np.ndarray:
+    """Return the colour (N, 3) of each quad of the checker.
+
+    Args:
+        look: colours of the backdrop.
+        x: (N,) [m] position of each quad's centre.
+        y: (N,) [m] position of each quad's centre.
+        is_line: (N,) true if the quad is a part of a line.
+    """
+    is_odd = (np.floor(x) + np.floor(y)) % 2.0  # 0 or 1; neighbours along x or along y have different values
+    # fraction by which each quad is brighter than the ground: CONTRAST and -CONTRAST by turns, except on
+    # lines
+    brightness = np.where(is_line, look.line, CONTRAST * (1.0 - 2.0 * is_odd))
+    # strength of the pattern at each quad: 1 at the robot, 0 at the end of the pattern and beyond
+    strength = np.clip(1.0 - np.hypot(x, y) / CHECKER, 0.0, 1.0)
+    colors: np.ndarray = (1.0 + brightness * strength)[:, None] * np.array(look.ground)
+    return colors
+
+
 def _surroundings(look: Look) -> Tuple[np.ndarray, np.ndarray]:
     """Return quads (N, 4, 3) [m] and colours (N, 4, 3) of the ground beyond the checker, and of the sky.
 
-    They lie between rings of SIDES points: two on the ground, one at the horizon, and the others on the dome.
+    The quads lie between rings of SIDES points. Each ring has one colour.
     """
     angles = np.linspace(0.0, 2.0 * pi, SIDES + 1)
+    # (SIDES + 1, 3) points of a circle with the radius 1; its last point is its first point again, so that
+    # the ring is closed
     circle = np.column_stack([np.cos(angles), np.sin(angles), 0.0 * angles])
-    # the innermost ring is a square that lies a little inside and below the rim of the checker, so no gap is
-    # visible
+    # from the rim of the checker outwards to the horizon, and then up the dome of the sky
+    rings = _ground_rings(look, circle) + _sky_rings(look, circle)
+    points = np.array([ring for ring, _ in rings])  # (rings, SIDES + 1, 3)
+    colors = np.array([np.broadcast_to(color, ring.shape) for ring, color in rings])
+    return _quads_between(points), _quads_between(colors)
+
+
+def _ground_rings(look: Look, circle: np.ndarray) -> List[Tuple[np.ndarray, Colour]]:
+    """Return the points [m] and the colour of each ring on the ground, the inner rings first.
+
+    `circle` has the points of a circle with the radius 1.
+    """
+    # each point of the circle is moved outwards to the square around it, of which one coordinate is 1 or -1
     square = circle / np.abs(circle).max(axis=1, keepdims=True)
-    rings = [((CHECKER - 0.5) * square - (0.0, 0.0, 0.01), look.ground)]
-    rings.append((NEAR_HAZE * circle, _mix(look.ground, look.haze, 0.75)))
-    rings.append((RADIUS * circle, look.haze))
-    # Elevation [deg] of each ring of the sky, and fraction of the zenith's colour in the colour of the ring.
-    # The numbers are chosen by eye. The ring at elevation 0 has the position of the ring before it, but the
-    # colour of the sky, so the colour changes abruptly at the horizon.
+    return [
+        # a little inside and below the square rim of the checker, so that no gap is visible
+        ((CHECKER - 0.5) * square - (0.0, 0.0, 0.01), look.ground),
+        (NEAR_HAZE * circle, _mix(look.ground, look.haze, NEAR_HAZE_SHARE)),
+        (RADIUS * circle, look.haze),
+    ]
+
+
+def _sky_rings(look: Look, circle: np.ndarray) -> List[Tuple[np.ndarray, Colour]]:
+    """Return the points [m] and the colour of each ring of the sky's dome, from the horizon upwards.
+
+    `circle` has the points of a circle with the radius 1. The ring at the horizon has the points of the last
+    ring of the ground, but another colour, so the colour changes abruptly there.
+    """
+    rings = []
+    # elevation [deg] of each ring, and fraction of the zenith's colour in its colour; chosen by eye
     for elevation, share in ((0, 0.0), (4, 0.12), (10, 0.3), (20, 0.55), (35, 0.8), (60, 0.96), (90, 1.0)):
         angle = radians(elevation)
         ring = RADIUS * cos(angle) * circle + RADIUS * sin(angle) * np.array((0.0, 0.0, 1.0))
         rings.append((ring, _mix(look.horizon, look.zenith, share)))
-    # (rings, SIDES + 1, 3); the last point of each ring is its first point again, so that the ring is closed
-    points = np.array([ring for ring, _ in rings])
-    colors = np.array([np.broadcast_to(color, ring.shape) for ring, color in rings])
-    return _quads_between(points), _quads_between(colors)
+    return rings
 
 
 def _quads_between(rings: np.ndarray) -> np.ndarray:
