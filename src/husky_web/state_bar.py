@@ -39,9 +39,9 @@ FIGURES_PERIOD = 0.2  # [s] wall time between two changes of the numbers
 REASON_TIME = 3.0
 # [s] simulated time after which the controller has noticed that an object was moved: one or two scans
 SEEN_AFTER = 0.03
-# [s] wall time after which the controller has noticed that an object was moved, also if simulated time is
-# unknown
-SEEN_AT_LAST = 0.3
+# [s] wall time after which the name of a moved object is hidden, even if simulated time is unknown, slow or
+# paused
+LONGEST_SHOWN = 0.3
 # buttons: the robot drives again from its start, or the pillar moves to another position
 DRIVE_AGAIN, MOVE_PILLAR = "Drive again", "Move the pillar"
 
@@ -78,7 +78,8 @@ class Moving:
         self._text = ""
         # [s] wall time at which the motion ended; None while the object is being moved
         self._ended_at: Optional[float] = None
-        # [s] first simulated time after the end of the motion; None if unknown
+        # [s] first simulated time after the end of the motion, or after a later restart of the simulator;
+        # None if unknown
         self._time_after_end: Optional[float] = None
 
     @contextmanager
@@ -101,23 +102,29 @@ class Moving:
     def text(self, time: Optional[float], now: float) -> str:
         """Return the name of the moved object; empty if there is none.
 
+        The name is forgotten as soon as the controller has had time to notice the motion.
+
         Args:
             time: simulated time [s]; None if it is unknown.
             now: wall time [s].
         """
         if self._ended_at is None:  # the page still moves the object, or has not moved one yet
             return self._text
-        simulated_seconds = 0.0  # [s] simulated time since the end of the motion
-        if time is not None:
-            # set by the first call after the motion, and again after a restart of the simulator, because
-            # simulated time is smaller then
-            if self._time_after_end is None or time < self._time_after_end:
-                self._time_after_end = time
-            simulated_seconds = time - self._time_after_end
-        # the limit in wall time is for simulated time that is unknown, slow or paused
-        if simulated_seconds >= SEEN_AFTER or now - self._ended_at >= SEEN_AT_LAST:
+        is_seen = self._simulated_seconds_after_end(time) >= SEEN_AFTER
+        if is_seen or now - self._ended_at >= LONGEST_SHOWN:
             self._text, self._ended_at = "", None
         return self._text
+
+    def _simulated_seconds_after_end(self, time: Optional[float]) -> float:
+        """Return the simulated seconds since the first call after the end of the motion; 0 if unknown.
+
+        After a restart of the simulator, the seconds are counted from the first call after the restart.
+        """
+        if time is None:
+            return 0.0
+        if self._time_after_end is None or time < self._time_after_end:  # the first call, or a restart
+            self._time_after_end = time
+        return time - self._time_after_end
 
 
 class StopReason:
