@@ -89,7 +89,8 @@ def serve(host: str, port: int, on_message: OnMessage, on_leave: OnLeave) -> Tup
     else:
         # other machines may use any name of this machine, but each of them needs the token
         hosts, token = None, _kept_token()
-    # viser also looks for a free port, but its thread would fail above 65535, and this program would wait
+    # viser also looks for a free port; but if no port is free, only its thread ends, and this program would
+    # wait for it forever
     port = _find_free_port(host, port)
     # viser warns if a page has left before a message reaches it, but this is normal
     warnings.filterwarnings("ignore", "Queued a .* on a closed connection")
@@ -249,7 +250,14 @@ class Gate:
         on_message: OnMessage,
         on_leave: OnLeave,
     ) -> None:
-        """Begin without connections; `refusal` describes the first two arguments, `serve` the others."""
+        """Begin without connections.
+
+        Args:
+            hosts: names of the server that a request may use; None if all names are allowed.
+            token: token that a request must have; None if no token is required.
+            on_message: function that gets each message of the drive channel, with a number for the page.
+            on_leave: function that is called with this number when a page has gone.
+        """
         self._hosts, self._token, self._page = hosts, token, page()
         self._on_message, self._on_leave = on_message, on_leave
         self._connections = {VIEW: 0, DRIVE: 0}  # number of open connections of each kind

@@ -86,7 +86,7 @@ class DrawnMarker:
     """Marker in the view."""
 
     node: Any
-    placed: Optional[Marker] = None  # last message of the marker that has moved the node
+    placed: Optional[Marker] = None  # message from which the node's pose was calculated last
     drawn: Optional[Marker] = None  # last message of the marker from which its parts were drawn
     appearance: Optional[Tuple[Any, ...]] = None
     parts: List[Any] = field(default_factory=list)  # nodes of the marker's parts in the scene
@@ -189,7 +189,8 @@ class Scene:
             self._update_cloud(topics.take("cloud"))
         self._update_trail()
         now = time.monotonic()
-        # markers move in each update, but colours and shapes change less often, because this costs more
+        # markers move in each update, but their colours and shapes are drawn again only each LOOKS_PERIOD,
+        # because drawing takes longer
         are_looks_due = now >= self._looks_due
         self._update_markers(topics, are_looks_due)
         self._update_axes()
@@ -393,16 +394,17 @@ class Scene:
             name = f"/markers/{quote(topic, safe='')}/{quote(namespace, safe='')}_{number}"
             drawing = DrawnMarker(self._scene.add_frame(name, show_axes=False, visible=False))
             self._drawn[key] = drawing
-        # A marker that is not locked to its frame keeps the pose that it got when it came. An invisible node
-        # has no pose yet, for example because its frame was unknown, so it is tried again.
-        if not marker.frame_locked and drawing.placed is marker and drawing.node.visible:
+        # true if this message has already given the node its pose; an invisible node has no pose yet, for
+        # example because its frame was unknown
+        is_placed = drawing.placed is marker and drawing.node.visible
+        if is_placed and not marker.frame_locked:  # only a marker that is locked to its frame moves with it
             return
         drawing.placed = marker
-        # [s] time of the frame's pose; None for the newest pose. A locked marker moves with its frame, so it
-        # needs the newest pose. Another marker needs the pose at its stamp, if the stamp is not 0.
         stamp = marker.header.stamp.to_sec()
-        at = None if marker.frame_locked or stamp == 0.0 else stamp
-        frame = self.frames.pose(frame_of_message(marker), self.fixed_frame, at)
+        # None requests the newest pose of the frame, with which a locked marker moves; a marker without a
+        # stamp needs the newest pose, too
+        pose_time = None if marker.frame_locked or stamp == 0.0 else stamp  # [s]
+        frame = self.frames.pose(frame_of_message(marker), self.fixed_frame, pose_time)
         pose = pose_of(marker)
         self._show(drawing.node, None if frame is None or pose is None else compose(frame, pose))
 
@@ -444,8 +446,8 @@ def _thinned(points: np.ndarray, count: int) -> np.ndarray:
 def trail_colors(trail: np.ndarray) -> np.ndarray:
     """Return colours (N, 3) of the points of a trail (N, 3) [m], the oldest first; far points have faded.
 
-    The browser takes the colours of a line's points as linear, but TRAIL_COLOR and FADED_COLOR are colours of
-    a screen (sRGB). So they are made linear here, otherwise the browser would draw them too bright.
+    TRAIL_COLOR and FADED_COLOR are colours of a screen (sRGB), but the browser expects linear colours for the
+    points of a line. So the colours are made linear here; otherwise the line would be too bright.
     """
     steps = np.linalg.norm(np.diff(trail, axis=0), axis=1)
     # (N,) [m] length of the trail from each point to the robot: the sum of all steps after the point

@@ -94,10 +94,8 @@ class Teleop:
         self.max_linear, self.max_angular = 0.5, 0.8  # [m/s], [rad/s] largest speeds of driving by hand
         self.is_locked = False  # true if any node has switched the emergency stop on
         self._locked_at = -inf  # [s] wall time at which the emergency stop was switched on the last time
-        # Value that this node sends to each new subscriber of e_stop; None if it sends nothing. It is true if
-        # the last value on e_stop was true, whichever node sent it. It is false only if this node sent the
-        # last value, because this node must not release the emergency stop of another node. rospy's own
-        # latching knows only the values of this node, so it could repeat an old value.
+        # value that this node sends to each new subscriber of e_stop; None if it sends no value, because none
+        # has come yet, or because another node has released the emergency stop
         self.latched: Optional[bool] = None
         self._hold = HoldToDrive()  # decides which page drives
         # lock of `_hold`, because messages of the pages come in another thread than the one that publishes
@@ -159,6 +157,7 @@ class Teleop:
     def _on_e_stop(self, msg: Bool) -> None:
         """Take in a value of e_stop, which comes back if this page has sent it."""
         if msg._connection_header["callerid"] != rospy.get_name():
+            # this node repeats a stop of another node to new subscribers, but it must not repeat a release
             self.latched = True if msg.data else None
         self._keep(msg.data)
 
@@ -175,7 +174,7 @@ class Teleop:
                 twist = self._hold.command(time.monotonic())
                 is_active = self._hold.is_active
                 if not is_active:
-                    # cleared while the lock is held, so that no new command can come in between unnoticed
+                    # a command that comes after this block sets the event again, so it is not missed
                     self._wake.clear()
             if twist is not None:
                 with contained("driving by hand"):
@@ -187,7 +186,11 @@ class Teleop:
 
 
 class _TellNewSubscribers(rospy.SubscribeListener):
-    """Tells the state of the emergency stop to each node that subscribes to e_stop."""
+    """Tells the state of the emergency stop to each node that subscribes to e_stop.
+
+    A latched publisher of rospy is not enough. It repeats the last value that this node has sent, even if
+    another node has sent a newer value.
+    """
 
     def __init__(self, teleop: Teleop) -> None:
         super().__init__()
