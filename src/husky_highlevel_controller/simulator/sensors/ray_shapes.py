@@ -15,7 +15,7 @@ from typing import Any, Callable, NamedTuple, Sequence, Tuple
 
 import numpy as np
 
-from husky_highlevel_controller.geometry import dot
+from husky_highlevel_controller.geometry import cross, dot
 
 BOX, CYLINDER, SPHERE = 0, 1, 2
 
@@ -82,12 +82,13 @@ def _prepare_cylinder(center: Number3, axes: Sequence[Number3], size: Number3) -
       the slab between the two ends, along the axis: its middle, half of its thickness, and the depth of the
       laser in it. A depth is negative if the laser is outside.
     """
-    (cx, cy, cz), ((ex, ey, ez),), (radius, _, half_length) = center, axes, size
-    mx, my, mz = cy * ez - cz * ey, cz * ex - cx * ez, cx * ey - cy * ex
-    c_along_e = cx * ex + cy * ey + cz * ez
+    (axis,), (radius, _, half_length) = axes, size  # the formula needs only the axis e along the cylinder
+    m = cross(center, axis)
+    e_cross_m = cross(axis, m)
+    (ex, ey, ez), (mx, my, mz) = axis, m
     rows = (
         (mx, my),  # the product with d is d.m
-        (ey * mz - ez * my, ez * mx - ex * mz),  # the product with d is d.(e x m), which is equal to s.m
+        e_cross_m[:2],  # the product with d is d.(e x m), which is equal to s.m
         (ey, -ex),  # the product with d is s_z, from which `_flank` computes s.s
         (ex, ey),  # the product with d is d.e, for the slab between the two ends
     )
@@ -95,8 +96,9 @@ def _prepare_cylinder(center: Number3, axes: Sequence[Number3], size: Number3) -
     # only the sign of this depth is needed, so it may be in m^2; m.m is the squared distance of the laser
     # from the axis
     depth_in_side = square_of_radius - mx * mx - my * my - mz * mz
-    depth_between_ends = half_length - abs(c_along_e)
-    numbers = (square_of_ez, square_of_radius, depth_in_side, c_along_e, half_length, depth_between_ends)
+    middle = dot(center, axis)
+    depth_between_ends = half_length - abs(middle)
+    numbers = (square_of_ez, square_of_radius, depth_in_side, middle, half_length, depth_between_ends)
     return rows, numbers
 
 
@@ -104,14 +106,15 @@ def _enter_cylinder(along: np.ndarray, numbers: np.ndarray) -> np.ndarray:
     """Distances at which beams enter a cylinder.
 
     A beam is inside the cylinder where it is inside the cylinder without ends, and also inside the slab
-    between the two ends.
+    between the two ends. As in `_prepare_cylinder`, d is the direction of a beam, c the centre of the
+    cylinder, e the unit vector along its axis, s = d x e, and m = c x e.
 
     Args:
-        along: products d.m, s.m, s_z and d.e of each beam's direction d, (4, P), see `_prepare_cylinder`.
+        along: d.m, s.m, s_z and d.e of each beam, (4, P).
         numbers: e_z^2, radius^2, depth of the laser in the cylinder without ends; middle and half thickness
             of the slab, and depth of the laser in it, (6, ...). A depth is negative if the laser is outside.
     """
-    d_m, s_m, s_z, d_e = along  # d.e is the component of d along the axis
+    d_m, s_m, s_z, d_e = along
     square_of_ez, square_of_radius, depth_in_side, middle, half_length, depth_between_ends = numbers
     s_s, root = _flank(d_m, s_z, square_of_ez, square_of_radius)
     is_parallel = s_s < 1e-18  # beam along the axis of the cylinder
