@@ -66,17 +66,12 @@ def equip(
     Raises:
         HuskyError: a period is not a multiple of the physics step, or shorter than a sweep of the lidar.
     """
-    rate, real, mount = config.physics_rate, config.real, config.robot.imu_mount
+    rate, real = config.physics_rate, config.real
     dt = 1.0 / rate  # [s] duration of a physics step
     # numbers of physics steps from one sample of a sensor to the next
     scan_steps = steps_per(config.scan_rate, rate, "scan_rate")
     imu_steps = steps_per(config.imu_rate, rate, "imu_rate")
-    ideal_imu = Imu(config.imu, imu_steps * dt, gravity, (mount.x, mount.y, mount.z))
-    imu: Union[Imu, VibratingImu] = ideal_imu
-    if real:
-        # [m] larger than the distance between the wheels, because wheels skid in a turn
-        effective_track = drive_config.wheel_separation * drive_config.wheel_separation_multiplier
-        imu = VibratingImu(ideal_imu, real.ground.vibration, effective_track)
+    imu = _imu(config, drive_config, imu_steps * dt, gravity)
     sensors = [Sensor(imu_steps, imu, "imu", IMU_STREAM)]
     points = None
     has_lidar = model.laser_frame in model.fixed_poses
@@ -106,6 +101,22 @@ def _check_control_rate(control_rate: float, physics_rate: float) -> None:
     """
     for other_rate in (ODOMETRY_RATE, physics_rate):
         steps_per(control_rate, other_rate, "base/control_rate")  # raises the error; the result is not needed
+
+
+def _imu(
+    config: SimulatorConfig, drive_config: DriveConfig, period: float, gravity: Vector3
+) -> Union[Imu, VibratingImu]:
+    """Return the IMU, which vibrates with the ground if `config.real` is set.
+
+    `period` is the time from sample to sample [s].
+    """
+    mount = config.robot.imu_mount
+    imu = Imu(config.imu, period, gravity, (mount.x, mount.y, mount.z))
+    if config.real is None:
+        return imu
+    # [m] larger than the distance between the wheels, because wheels skid in a turn
+    effective_track = drive_config.wheel_separation * drive_config.wheel_separation_multiplier
+    return VibratingImu(imu, config.real.ground.vibration, effective_track)
 
 
 def _lidar(
