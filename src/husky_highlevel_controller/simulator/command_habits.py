@@ -111,11 +111,11 @@ class CommandHabits:
         gap = stamp - memory.last  # 0 for the first command of a sender
         memory.last = stamp
         memory.count += 1
-        if not is_zero:
-            memory.has_commanded_motion = True
-        self._zero_senders.pop(topic, None)
         if is_zero:
             self._zero_senders[topic] = sender
+        else:
+            self._zero_senders.pop(topic, None)
+            memory.has_commanded_motion = True
         command = _Command(topic, sender, is_zero, stronger_topic)
         findings = (
             self._driving(command, memory, gap),

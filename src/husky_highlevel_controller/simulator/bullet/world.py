@@ -129,7 +129,8 @@ class BulletWorld:
         self._parts: Dict[int, List[_Part]] = {}
         self._planes: List[int] = []  # ids of the bodies that are planes
         # pose of the centre-of-mass frame in the body's frame, by id. Bullet takes and returns only poses of
-        # the centre-of-mass frame, so each pose is converted with this pose.
+        # the centre-of-mass frame, so each pose is converted with this pose. For a plane, which has no mass,
+        # it is the pose of the plane in the body's frame.
         self._inertial_in_body: Dict[int, Pose] = {}
         # ids of the bodies of each model; bodies of one model pass through one another
         self._ids_by_model: Dict[str, List[int]] = {}
@@ -391,8 +392,8 @@ class BulletWorld:
         pose = compose(body.pose_in_world, pose_in_body)
         plane = self._create_body(body.name, [_Part(shape)], pose)
         self._make_springy(plane)
-        # The plane may stand away from the origin of its body. Bullet has the pose of the plane; with this
-        # entry, `_pose` computes the pose of the body from the pose of the plane.
+        # Bullet has the pose of the plane, which may stand away from the origin of its body. With this entry,
+        # `_pose` computes the pose of the body from the pose of the plane.
         self._inertial_in_body[plane] = pose_in_body
         self._planes.append(plane)
 

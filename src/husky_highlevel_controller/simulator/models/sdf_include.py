@@ -164,7 +164,7 @@ def _newest_file(config: Path, plain: Path) -> Path:
     oldest = VERSIONS[0]  # a file without a version counts as the oldest version
     readable = [sdf for sdf in listed if sdf.get("version", oldest) in VERSIONS]
     if not readable:
-        # `minor_version` below raises the error about the first of these versions
+        # all are kept, so that `minor_version` below raises the error about the first of these versions
         readable = listed
     file_by_minor = {minor_version(str(config), sdf.get("version", oldest)): sdf.text for sdf in readable}
     # versions up to NEWEST are better than all versions after NEWEST; among them, the nearest to NEWEST is

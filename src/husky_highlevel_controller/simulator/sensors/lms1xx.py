@@ -232,8 +232,8 @@ def _nearest_echo(
         echo_length: largest difference of the distances in an echo [m].
 
     Returns:
-        True for the rays of the echo (N, S), mean distance (N,) [m], and fraction of the spot's light (N,). A
-        beam without an echo has no such ray, and the fraction 0.
+        True for the rays of the echo (N, S), mean distance (N,) [m], and fraction of the spot's light (N,).
+        If a beam has no echo, all its rays have False, and its fraction is 0.
     """
     # the limit FARTHEST keeps a ray of inf out of the echo, also if all rays of the beam are inf
     longest = np.minimum(depth.min(axis=1) + echo_length, FARTHEST)
