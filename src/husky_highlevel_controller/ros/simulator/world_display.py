@@ -51,7 +51,17 @@ class _Shown(NamedTuple):
     # vertical direction in the frame of the body when the marker was made; the marker can be dragged only
     # perpendicular to this direction
     up: Vector3
-    pose_in_world: Optional[Pose]  # pose with which the marker was sent; None if it must be sent again
+    # pose of the body when the marker was sent; None if RViz has moved the marker since then, in a drag
+    pose_in_world: Optional[Pose]
+
+    def must_be_sent_again(self, pose: Pose) -> bool:
+        """Return whether the marker is at a wrong place in RViz, when its body is at `pose` in the world."""
+        if self.pose_in_world is None:
+            return True
+        if self.pose_in_world == pose:  # most bodies rest, and this comparison is faster than the next
+            return False
+        # a turn of the body counts as the motion of a point 1 m away from its origin
+        return _noticeable(self.pose_in_world, pose, radius=1.0)
 
 
 class _Server(InteractiveMarkerServer):
@@ -141,15 +151,16 @@ class WorldDisplay:
     def _draw(self) -> None:
         """Bring the markers up to date with the world: erase, insert and move them.
 
-        A marker is moved if its body has moved noticeably, or if odom has drifted. A tipped body gets a new
-        marker, because a marker can be dragged only in the plane that was horizontal when it was made.
+        A marker is sent again if its body has moved noticeably, if a user has dragged the marker, or if odom
+        has drifted.
         """
         bodies, world_in_odom = self._simulation.bodies, self._simulation.pose_world_in_odom
         # bodies are drawn in odom, so a drift of odom moves all markers
         has_drifted = _noticeable(self._world_in_odom, world_in_odom, TURN_RADIUS)
         if has_drifted:
             self._world_in_odom = world_in_odom
-        for name in self._shown_markers.keys() - bodies.keys():
+        deleted_bodies = self._shown_markers.keys() - bodies.keys()
+        for name in deleted_bodies:
             self._server.erase(name)
             del self._shown_markers[name]
         for name, body in bodies.items():
@@ -158,18 +169,14 @@ class WorldDisplay:
                 # the marker belongs to a deleted body of the same name, so this body has no marker yet
                 shown = None
             pose = self._simulation.pose_of(name)
-            # None if the body has no marker yet, or after a drag; then the marker is sent in any case
-            last_pose = shown.pose_in_world if shown else None
-            if last_pose is not None and not has_drifted:
-                if last_pose == pose:
-                    continue
-                # a turn of the body counts as the motion of a point 1 m away from its origin
-                if not _noticeable(last_pose, pose, radius=1.0):
-                    continue
-            self._shown_markers[name] = self._send(body, pose, shown)
+            if shown is None or has_drifted or shown.must_be_sent_again(pose):
+                self._shown_markers[name] = self._send(body, pose, shown)
 
     def _send(self, body: Body, pose: Pose, shown: Optional[_Shown]) -> _Shown:
         """Move the marker of a body, or send a new marker if it has none, or if the body has tipped.
+
+        A marker can be dragged only in the plane that was horizontal when it was made. So after the body has
+        tipped, a drag of its old marker would not be horizontal.
 
         Args:
             body: the body.
@@ -185,8 +192,7 @@ class WorldDisplay:
             self._server.insert(body_to_msg(body, pose_in_odom, ODOM))
             return _Shown(body, up, pose)
         self._server.setPose(body.name, conversions.pose_to_msg(pose_in_odom))
-        # the marker was only moved, so it can still be dragged in the same plane as before
-        return shown._replace(pose_in_world=pose)
+        return shown._replace(pose_in_world=pose)  # `up` stays, because the marker was not made again
 
     def _drop_box(self, msg: PointStamped) -> str:
         """Put a box on a point that was clicked in RViz, and return a sentence for the log."""
@@ -212,10 +218,11 @@ class WorldDisplay:
     def _drag(self, feedback: InteractiveMarkerFeedback) -> str:
         """Put a body where its marker was dragged, and return a sentence for the log."""
         name = feedback.marker_name
-        # RViz has already moved the marker, so this node must send the marker again, at the true pose of the
-        # body; None as the last pose causes this
-        if name in self._shown_markers:
-            self._shown_markers[name] = self._shown_markers[name]._replace(pose_in_world=None)
+        shown = self._shown_markers.get(name)
+        if shown is not None:
+            # RViz has already moved the marker. The pose None lets `_draw` send the marker again, at the pose
+            # of the body. This is also necessary if the body cannot be moved, and stays where it is.
+            self._shown_markers[name] = shown._replace(pose_in_world=None)
         x, y, _ = self._in_world(feedback.pose, feedback.header.frame_id).position
         now = self._simulation.pose_of(name)
         _, _, height = now.position  # a body is dragged only horizontally, so it keeps its height
