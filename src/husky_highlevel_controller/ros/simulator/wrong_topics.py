@@ -155,7 +155,10 @@ def second_publishers(graph: Graph, simulator: str) -> List[SecondPublisher]:
 
 
 def unread_parameters(master_uri: str) -> List[UnreadParameter]:
-    """Return the parameters that no node has read; only `./dev launch`'s master lists them."""
+    """Return the parameters that are set, but that no node has read.
+
+    Only the master that `./dev launch` starts has a list of them. With any other master, the result is empty.
+    """
     found = []
     for node, parameter, asked, *_ in read_unread_parameters(master_uri):
         found.append(UnreadParameter(str(node), str(parameter), str(asked)))
@@ -173,7 +176,10 @@ def absent_topics(graph: Graph) -> List[AbsentTopic]:
 
 
 def absent_services(master_uri: str) -> List[AbsentService]:
-    """Return the nodes that ask for a service of Gazebo in vain; only `./dev launch`'s master lists them."""
+    """Return the nodes that ask for a service of Gazebo which the simulator does not have.
+
+    Only the master that `./dev launch` starts has a list of them. With any other master, the result is empty.
+    """
     found = []
     for row in read_absent_services(master_uri):
         node, service = str(row[0]), str(row[1])
@@ -266,6 +272,7 @@ def _wrong_topic_sentence(finding: WrongTopic) -> str:
         does = f"subscribes to {finding.topic}, which no node publishes"
     remedy = f"did you mean {finding.suggestion}?"
     namespace, _, name = finding.topic.rpartition("/")
+    # the robot husky_melodic publishes its scans on scan, so the node may have been written for this robot
     if name == "scan" and finding.suggestion == f"{namespace}/front/scan":
         remedy += " Or launch with robot:=husky_melodic, whose lidar is on scan in the frame base_laser."
     return f"{finding.node} {does}: {remedy}"
@@ -294,20 +301,23 @@ def _suggestion(topic: str, node: str, other_side: Nodes, types: Mapping[str, st
     return nearest
 
 
-def _distance(topic: str, other: str) -> Optional[Tuple[int, float]]:
-    """Return how far a topic's name is from another name, or None if it is probably not a typing error.
+def _distance(topic: str, right_topic: str) -> Optional[Tuple[int, float]]:
+    """Return how far a topic is from a right topic, or None if it is probably not a typing error.
 
-    The distance is a pair: the number of namespaces that the topic lacks, and the unlikeness (0 to 1) of the
-    names. Pairs are compared by their first numbers, and then by their second numbers.
+    The distance is a pair: the number of namespaces that `topic` lacks, and the unlikeness (0 to 1) of the
+    names. For example, /scan is at (1, 0.0) from /front/scan, and /cmd_val is at (0, 0.14) from /cmd_vel.
+    Python compares pairs by their first numbers, so a typing error is nearer than a missing namespace.
     """
-    # names that differ only in a number, such as /robot1/scan and /robot2/scan, belong to two robots
-    differ_in_number = re.sub(r"\d", "", topic) == re.sub(r"\d", "", other)
-    # a topic with more namespaces, such as /robot1/scan for /scan, belongs to another robot, too
-    if differ_in_number or topic.endswith(other):
+    # topics that differ only in a number, such as /robot1/scan and /robot2/scan, belong to two robots
+    if re.sub(r"\d", "", topic) == re.sub(r"\d", "", right_topic):
         return None
-    if other.endswith(topic):  # only namespaces are missing, as in /scan for /front/scan
-        return other.count("/") - topic.count("/"), 0.0
-    unlikeness = 1.0 - likeness(topic.strip("/"), other.strip("/"), separator="/")
+    # `topic` only has more namespaces, such as /robot1/scan for /scan, so it belongs to another robot
+    if topic.endswith(right_topic):
+        return None
+    # `topic` only lacks namespaces, such as /scan for /front/scan
+    if right_topic.endswith(topic):
+        return right_topic.count("/") - topic.count("/"), 0.0
+    unlikeness = 1.0 - likeness(topic.strip("/"), right_topic.strip("/"), separator="/")
     return (0, unlikeness) if unlikeness <= 1.0 - MIN_LIKENESS else None
 
 
