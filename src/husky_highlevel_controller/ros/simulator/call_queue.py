@@ -28,11 +28,12 @@ class CallQueue:
 
     def __init__(self, report: Callable[[str], None] = lambda _: None) -> None:
         """Set up; `report` gets a sentence about each request that changed the world or read true poses."""
+        # function that gets a sentence about each request that changed the world or read true poses
         self.report = report
         self._has_changed_world = False  # true if work has changed the world since `take_change`
-        # work that waits for the owner, each with the future of its result; the first queue is also emptied
-        # in the middle of a step, the second only between two steps
+        # work that the owner may also do in the middle of a step, each with the future of its result
         self._calls: Deque[Tuple[Callable[[], Any], Future]] = deque()
+        # work that the owner may do only between two steps, each with the future of its result
         self._calls_between_steps: Deque[Tuple[Callable[[], Any], Future]] = deque()
         self._arrived = threading.Event()  # set when work has come, to wake an owner that waits in `process`
 
@@ -116,7 +117,7 @@ class CallQueue:
         return has_changed
 
     def process(self, timeout: float = 0.0) -> None:
-        """Do all work in the queue; if there is none, wait for some up to `timeout` [s].
+        """Do all work that has come. If none has come, first wait for work, but for at most `timeout` [s].
 
         Only the owner may call this, between two steps.
         """

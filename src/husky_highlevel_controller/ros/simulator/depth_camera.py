@@ -27,10 +27,10 @@ QUEUE = 2  # images are large
 
 
 class DepthCamera:
-    """Lets a renderer in another process draw images, and publishes each when it is drawn.
+    """Lets a renderer in another process draw images, and publishes each image when it is ready.
 
-    So the simulation need not wait. If an image is still being drawn when the next is due, the next is left
-    out.
+    So the simulation need not wait for images. If an image is not ready when the next image is due, the next
+    image is left out.
     """
 
     def __init__(self, config: CameraConfig, pose_in_base: Pose, steps: int, wait: bool) -> None:
@@ -55,7 +55,10 @@ class DepthCamera:
         self._renderer.close()
 
     def update(self, simulation: Simulation, snapshot: Snapshot) -> None:
-        """Publish an image that is drawn, and start the next one; call it after every step of the physics."""
+        """Publish the image that is ready, if any, and start the next image, if it is due.
+
+        Call this method after every step of the physics.
+        """
         try:
             self._update(simulation, snapshot)
         except (OSError, EOFError):
@@ -68,8 +71,8 @@ class DepthCamera:
             )
 
     def _update(self, simulation: Simulation, snapshot: Snapshot) -> None:
-        """Publish an image that is drawn, and start the next one if it is due and has a subscriber."""
-        # a timeout of 0 s means that the call does not wait for an image that is still being drawn
+        """Publish the image that is ready, if any; start the next image if it is due and has a subscriber."""
+        # a timeout of 0 s means that this call does not wait for an image that is not ready
         self._publish(timeout=0.0)
         is_watched = any(
             topic.get_num_connections()
@@ -88,12 +91,12 @@ class DepthCamera:
                 self._publish(timeout=None)
 
     def _publish(self, timeout: Optional[float]) -> None:
-        """Publish the image that was started last, if it is drawn within a timeout [s].
+        """Publish the image that was started last, if it is ready within a timeout [s].
 
-        With the timeout None, wait until the image is drawn.
+        With the timeout None, wait until the image is ready.
         """
         buffer = self._renderer.take(timeout)
-        if buffer is None:  # no image was started, or the image is not drawn yet
+        if buffer is None:  # no image was started, or the image is not ready
             return
         depth, header = image_of(buffer, self._config), conversions.header(self._image_stamp, CAMERA_FRAME)
         publish(self._info_publisher, camera_info_to_msg(self._config, header))
