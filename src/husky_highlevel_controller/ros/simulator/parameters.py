@@ -70,15 +70,16 @@ def _with_drivers(
 
     Args:
         config: configuration for Gazebo's plugins.
-        values: parameters of the drivers.
+        values: parameters of the drivers, one for each field of RobotProfile.
         ground: ground under the robot, one of GROUNDS.
         source: beginning of the names of parameters in errors and in a warning.
     """
-    (real,) = read_config(values, source + "robot_profile/", RobotProfile)
+    profile: RobotProfile
+    (profile,) = read_config(values, source + "robot_profile/", RobotProfile)
     # the drivers have a lidar of their own, so a change of the other lidar is probably a mistake
     if config.lidar != simulator_config(config.robot.name).lidar:
         rospy.logwarn(f"{source}lidar has no effect with profile:=robot; set {source}robot_profile/lidar")
-    return replace(config, real=real.on(ground))
+    return replace(config, real=profile.on(ground))
 
 
 def read_parameters() -> Tuple[StartConfig, SimulatorConfig, CameraSetup]:
