@@ -230,7 +230,8 @@ def _free_radius(products: Products, count: int, noise: float) -> Tuple[float, f
     # [m^2] sum of the squared errors after this step; the subtracted part is what the step explains
     left_after_step = ee - (step_x * xe + step_y * ye + step_r * re)
     degrees_of_freedom = max(count - 3, 1e-3)  # a circle has three parameters
-    beam_variance = max(left_after_step, 0.0) / degrees_of_freedom + noise**2  # [m^2] of one beam's error
+    # [m^2] variance of one beam's error
+    beam_variance = max(left_after_step, 0.0) / degrees_of_freedom + noise**2
     # if the error of each beam had the variance 1, `inverse` would be the covariance of x, y and r
     standard_error = sqrt(beam_variance * max(inverse[2][2], 0.0))
     # Two standard errors are enough for many beams (95 %). For few beams, the variance itself is uncertain,

@@ -172,7 +172,7 @@ def _starts_of_bodies(
     (left,) = (has_step | has_gap).nonzero()
     if not len(left):
         return np.array((0,)), left  # all beams lie on one body; no beam is omitted, and `left` is empty
-    later_starts = left[on_two_bodies(left, left + 1)] + 1  # where the second and each later body begin
+    later_starts = left[on_two_bodies(left, left + 1)] + 1  # starts of all bodies but the first
     # A body has a single beam if the next body begins at the next beam. For example, if bodies begin at 3, 4
     # and 9, the beam 3 is single.
     is_single = later_starts[1:] == later_starts[:-1] + 1
