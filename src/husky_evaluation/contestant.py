@@ -225,7 +225,10 @@ def _source(file_or_module: str) -> Tuple[str, str]:
 
 @lru_cache(maxsize=4)
 def _module_from_text(source: str, folder: str, package: str) -> ModuleType:
-    """Execute the source text of a user's file, and return it as a new module.
+    """Execute the source text of a user's file, and return it as a module.
+
+    A process asks for the same module in each of its runs, so the module is kept, and the text is executed
+    only once.
 
     Args:
         source: the source text.

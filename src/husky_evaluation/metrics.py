@@ -213,9 +213,11 @@ def crossings(trace: Trace) -> int:
     if not len(aligned_rows):
         return 0
     after_alignment = bearings[aligned_rows[0] :]
-    # a smaller bearing counts as straight ahead, so it is on neither side
-    large = after_alignment[np.abs(after_alignment) >= ALIGNED]
-    # the first bearing is small, but its sign shows the side from which the robot has turned to the pillar
-    sides = np.sign(np.append(after_alignment[0], large))
+    first_bearing = after_alignment[0]
+    # a bearing below ALIGNED counts as straight ahead, so it is on neither side
+    large_bearings = after_alignment[np.abs(after_alignment) >= ALIGNED]
+    # Only the first bearing counts although it is small, because its sign is the side from which the robot
+    # comes. Without this side, the first swing to the other side would not be counted.
+    sides = np.sign(np.append(first_bearing, large_bearings))
     sides = sides[sides != 0.0]  # a first bearing of exactly 0 is on no side
     return int((np.diff(sides) != 0.0).sum())  # number of changes of the side

@@ -212,12 +212,14 @@ def _label_cells(
 def _mark_points(plot: Any, axes: Sequence[Axis], marks: Marks) -> None:
     """Draw the marks of a heat map, each on the upper or lower border of its cell.
 
-    In the middle of the cell, a mark would hide the cell's number.
+    A mark in the middle of a cell would hide the number that is written there.
     """
     for symbol, (name, values) in zip(SYMBOLS, marks.items()):
         # position of the mark in cells; cell i has its centre at i, and its borders at i - 0.5 and i + 0.5
         x = float(np.interp(values[0], axes[0].values, range(len(axes[0].values))))
         y = float(np.interp(values[1], axes[1].values, range(len(axes[1].values))))
+        # A mark between the centres of two cells is drawn on the border between these cells, for example at
+        # 3.5 for y = 3.2 and for y = 3.8. A mark at a centre, such as y = 3, is drawn on the upper border.
         border = np.floor(y) + 0.5
         # a star looks smaller than another symbol of the same size
         plot.plot(

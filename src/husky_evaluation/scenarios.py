@@ -168,9 +168,8 @@ def _clutter(rng: np.random.Generator) -> List[Solid]:
             solids.append(_box(x, y, yaw, rng.uniform(0.1, 1.5), rng.uniform(0.1, 1.5)))
         elif kind == 1:  # a wall
             solids.append(_box(x, y, yaw, rng.uniform(0.1, 8.0)))
-        elif (
-            kind == 2
-        ):  # a corner of two walls, each 2 m long, so the middle of a wall is 1 m from the corner
+        elif kind == 2:  # a corner of two walls
+            # each wall is 2 m long, so the middle of the wall is 1 m from the corner
             for turn in (yaw, yaw + rng.uniform(0.8, 2.4)):
                 solids.append(_box(x + cos(turn), y + sin(turn), turn, 2.0))
         elif kind == 3:  # two posts 1.6 m apart, like the goal in the world robocup14_spl_field

@@ -38,7 +38,7 @@ def bootstrap(differences: ArrayLike) -> Interval:
     if not len(values):
         return Interval(nan, nan, nan)
     rng = np.random.default_rng(0)
-    # mean of each resampling, which draws a value len(values) times, and may draw the same value again
+    # mean of each resampling; a resampling has len(values) random values, and may have a value several times
     means = np.array([values[rng.integers(len(values), size=len(values))].mean() for _ in range(RESAMPLES)])
     low, high = np.quantile(means, [0.5 - LEVEL / 2.0, 0.5 + LEVEL / 2.0])
     return Interval(float(values.mean()), float(low), float(high))

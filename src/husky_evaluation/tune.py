@@ -123,13 +123,13 @@ def parse_range(text: str, base: Setup) -> Range:
             raise ValueError
     except ValueError:
         raise ConfigError(f"{name} = '{limits}' is not LOW:HIGH, such as {allowed}") from None
+    kind = type(values[name])  # int or float
     for limit in (low, high):
-        # only a check: it raises an error if the limit is not allowed; a limit of a whole number is rounded
-        # below
-        base.with_values({name: type(values[name])(limit)})
+        base.with_values({name: kind(limit)})  # raises an error if the limit is not allowed
     if not low < high:
         raise ConfigError(f"{name} = {limits}: {low:g} is not below {high:g}")
-    if type(values[name]) is int:
+    if kind is int:
+        # smallest and largest whole number in the range, because the user may have given 1.5:3.5
         low, high = ceil(low), floor(high)
         if not low < high:
             raise ConfigError(f"{name} = {limits}: the range has fewer than two whole numbers")

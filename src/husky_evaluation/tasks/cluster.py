@@ -210,7 +210,7 @@ class Cluster:
         return ""
 
     def _version_of(self, address: str) -> str:
-        """Return the version of the package on a worker, or why it has none; empty if it has gone."""
+        """Return a worker's version of the package, or why it has none; empty if the worker has left."""
         try:
             version = self._client.run(_version_reader(OUR_PACKAGE), workers=[address]).get(address, "")
         except OSError:

@@ -36,7 +36,7 @@ def fingerprint(value: Any) -> str:
     """
     digest = hashlib.sha256()
     for piece in _pieces(value):
-        # the length shows where a piece ends, so other pieces do not give the same bytes
+        # the length shows where a piece ends; otherwise "ab", "c" and "a", "bc" would give the same hash
         digest.update(b"%d:" % len(piece) + piece)
     return digest.hexdigest()
 
