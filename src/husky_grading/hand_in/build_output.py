@@ -64,7 +64,8 @@ def missing_return(output: str, root: Path) -> Optional[str]:
 def _compiler_error(output: str) -> str:
     """Return the compiler's first error in the output of a build; empty if there is none.
 
-    If a header of a ROS package is missing that apt has, the text ends with the command that installs it.
+    If a header of a ROS package is missing, and apt has this package, the text ends with the command that
+    installs the package.
     """
     match = _ERROR.search(output)
     if not match:

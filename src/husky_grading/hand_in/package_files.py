@@ -49,14 +49,22 @@ def find_rviz_config(planned: Plan, root: Optional[Path] = None, launch_file: st
         node = planned.rviz[0]
         remaps = node.remap
         path = _config_path_in(node.args)
-        # a student may have added the file to a copy of a public package, such as husky_gazebo
-        roots = (root, root.with_name(COPIES)) if root else ()  # any folder is allowed if there is no root
-        was_handed_in = path is not None and (not roots or any(is_below(path, each) for each in roots))
-        if path is not None and was_handed_in and is_regular(path):
+        if path is not None and _was_handed_in(path, root):
             return _read_config(f"its rviz node, {path.name}", path, remaps)
         missing = str(path or "")
     config = _config_in_package(planned, Path(launch_file).name, remaps)
     return config or RvizConfig(started=bool(planned.rviz), missing=missing)
+
+
+def _was_handed_in(path: Path, root: Optional[Path]) -> bool:
+    """Return whether a path leads to an existing file of the submission.
+
+    The file must be in the workspace `root`, or in the folder COPIES next to it. COPIES has the copies of
+    public packages, such as husky_gazebo, to which a student may have added the file. If `root` is None, the
+    file may be in any folder.
+    """
+    is_in_submission = root is None or is_below(path, root) or is_below(path, root.with_name(COPIES))
+    return is_in_submission and is_regular(path)
 
 
 def _config_in_package(
@@ -64,27 +72,29 @@ def _config_in_package(
 ) -> Optional[RvizConfig]:
     """Return the best configuration in a package's .rviz files; None if no file counts.
 
-    The best configuration displays most of frames, robot model and scan. For a node, all files count. For a
-    launch file, these files count:
+    The best configuration displays most of frames, robot model and scan.
 
-    - A file counts if no other launch file names it.
-    - The only .rviz file of a package counts even if another launch file names it, provided that the started
-      launch file starts RViz and the other launch file does not play recordings (rosbag).
+    If a launch file is started, an .rviz file that belongs to another launch file does not count. There is
+    one exception. If the started launch file starts RViz, the only .rviz file of a package counts anyway,
+    because there is no other file for this RViz. But if the other launch file plays recordings (rosbag), the
+    only file does not count either.
 
-    `launch_file` is the name of the launch file that is started; empty for a node.
+    `launch_file` is the name of the launch file that is started. It is empty for a node, and then all files
+    count.
     """
     folder = planned.package_path
     if not folder:
         return None
     files = [path for path in walk(folder) if path.suffix == ".rviz"][:MAX_CONFIGS]
     if launch_file:
+        # the other launch file to which an .rviz file belongs, by the name of the .rviz file
         owners = _owners_of_configs(folder, launch_file, starts_rviz=bool(planned.rviz))
         if planned.rviz and len(files) == 1:
-            owner = owners.get(files[0].name)  # the other launch file that names the only .rviz file
+            only_file = files[0]
+            owner = owners.get(only_file.name)
             if owner and "rosbag" not in _NODE.findall(read_text(owner)):
-                source = f"{files[0].name}, the package's only .rviz file, used by {owner.name}"
-                return _read_config(source, files[0], remaps)
-        # all files without an owner count, also if there is only one file
+                source = f"{only_file.name}, the package's only .rviz file, used by {owner.name}"
+                return _read_config(source, only_file, remaps)
         files = [path for path in files if path.name not in owners]
     configs = [_read_config(path.name, path, remaps) for path in files]
     return max(configs, key=_count_needed_displays, default=None)
@@ -114,9 +124,9 @@ def _count_needed_displays(config: RvizConfig) -> int:
 def files_of_others(planned: Plan, launch_file: str) -> List[str]:
     """Return sentences that tell the student which .rviz files are not graded.
 
-    These are the files that other launch files of the package name, and not the started launch file. But if
-    the started launch file starts no RViz, a student may start a second launch file only for RViz. The files
-    of such a launch file are graded, too.
+    These are the files that other launch files of the package name. But if the started launch file starts no
+    RViz, a student may start a second launch file only for RViz. The files of such a launch file are graded,
+    too.
     """
     folder = planned.package_path
     if not folder:
@@ -215,7 +225,7 @@ def _read_config(source: str, path: Path, remaps: Sequence[Tuple[str, str]]) -> 
 
 MAX_CONFIGS = 20  # at most this number of .rviz files of a package is read
 MAX_FILE = 1_000_000  # [bytes] larger launch files are not read
-MAX_TEXT = 200_000  # [bytes] other files are not read if they are larger
+MAX_TEXT = 200_000  # [bytes] larger files are not searched for the name of a robot
 # names of a package, a frame and topics of the SMB; a student's package that contains one of them is for the
 # SMB. In an .rviz file, the key `rslidar` does not count, because RViz writes a key for every frame that it
 # has seen.
