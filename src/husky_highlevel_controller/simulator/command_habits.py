@@ -177,9 +177,10 @@ class CommandHabits:
 
         The sender wants to move the robot, and another node holds the robot, which is also named.
         """
-        # name of the node whose last command on the stronger topic is zero; empty if there is none
-        holder = "" if command.stronger_topic is None else self._zero_senders.get(command.stronger_topic, "")
-        if command.is_zero or command.stronger_topic is None or not holder:
+        stronger_topic = command.stronger_topic or ""  # empty if no stronger topic overrules the command
+        # name of the node whose last command on the stronger topic is zero; None if there is no such node
+        holder = self._zero_senders.get(stronger_topic)
+        if command.is_zero or not holder:
             memory.overruled_since = None
             return None
         if memory.overruled_since is None:
@@ -191,7 +192,7 @@ class CommandHabits:
             command.sender,
             command.topic,
             stronger_sender=holder,
-            stronger_topic=command.stronger_topic,
+            stronger_topic=stronger_topic,
         )
 
 
