@@ -133,7 +133,8 @@ def _find_model(uri: str, source: str) -> Optional[Path]:
         return None
     for folder in model_folders(name, source):
         # The folder of a model has a model.config, which names a file for each version of SDF. Without a
-        # model.config, the file is model.sdf.
+        # model.config, the file is model.sdf. Links are followed, so that each file has one path and is read
+        # once.
         config = Path(os.path.realpath(os.path.join(folder, "model.config")))
         plain = Path(os.path.realpath(os.path.join(folder, "model.sdf")))
         newest = _newest_file(config, plain) if os.path.isfile(config) else plain

@@ -54,6 +54,7 @@ class Renderer:
             poses: poses in the world of the bodies that may have moved.
             camera: pose of the camera's optical frame in the world.
         """
+        # the process keeps the bodies, so they are sent only if they have changed
         changed_bodies: Optional[Mapping[str, Body]] = None
         if self._bodies != bodies:
             self._bodies = dict(bodies)
