@@ -74,7 +74,7 @@ def launch_files_read_here(monkeypatch):
         monkeypatch.setattr(substitution_args, "_rospack", None)
         reporter = submission.Reporter(str(events))
         for launchable in launchables:
-            ours = {"nodes": [], "rviz": OWN_RVIZ, "files": [], "places": [], **vars(parts)}
+            ours = submission.OwnNames(nodes=[], rviz=OWN_RVIZ, files=[], places=[], **vars(parts))
             submission.describe(list(launchable.command), reporter, ours)
         reporter.close()
         return ""

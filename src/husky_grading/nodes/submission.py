@@ -55,7 +55,21 @@ OWN_PACKAGE = "husky_highlevel_controller"  # name of this package, which is als
 PILLAR = re.compile(r"single_?pillar", re.IGNORECASE)  # pattern of the name of the world that the course uses
 LOAD_DEADLINE = 30  # [s] a launch file that loads longer than this wall time counts as broken
 MAX_FILES = 1000  # a launch file with more includes counts as broken
+# parameters of a launch file that are not set, because `grade` sets them itself
 OUR_PARAMETERS = {"/use_sim_time", "/robot_description", "/rosdistro", "/rosversion", "/run_id"}
+
+
+class OwnNames(NamedTuple):
+    """Names and paths of our package; `grade` gives them, because this program cannot import the package."""
+
+    nodes: List[str]  # names of the simulator's nodes; no other node may have such a name
+    rviz: List[str]  # names of the RViz nodes in our launch files
+    files: List[str]  # launch files that start the simulator
+    # path of our package.xml, and then the folders of our programs; empty if our own nodes may be started
+    places: List[str]
+    # packages of ROS whose nodes count as the student's, and are started: in exercise 4, robot_localization
+    by_submission: List[str]
+    by_marking: List[str]  # packages whose nodes are not started, because `grade` starts them itself
 
 
 class Reporter(roslaunch.pmon.ProcessListener):
@@ -241,7 +255,7 @@ def refuse_aliases() -> None:
 
 
 def load_launchable(
-    launchable: List[str], reporter: Reporter, ours: Dict[str, List[str]]
+    launchable: List[str], reporter: Reporter, ours: OwnNames
 ) -> roslaunch.config.ROSLaunchConfig:
     """Read a launch file or node, write the event "plan", and return the configuration of the nodes to start.
 
@@ -251,22 +265,15 @@ def load_launchable(
         launchable: `--launch PACKAGE FILE [ARGUMENTS]` or `--node PACKAGE TYPE [ARGUMENTS]`.
             FILE is a name in the package, or an absolute path.
         reporter: writes events.
-        ours: names and paths from our package, which this program cannot import, by these keys:
-            `nodes`: names of the simulator's nodes.
-            `rviz`: names of the RViz nodes in our launch files.
-            `files`: launch files that start the simulator.
-            `places`: paths of our package.xml and of our programs' folders; empty if our nodes may start.
-            `by_submission`: packages of ROS whose nodes the submission starts.
-            `by_marking`: packages whose nodes `grade` starts itself.
+        ours: names and paths of our package.
     """
-    loader = TolerantLoader(reporter, ours["files"])
+    loader = TolerantLoader(reporter, ours.files)
     config = read_launchable(launchable, reporter, loader)
     nodes = sort_nodes(config.nodes, reporter, ours)
     config.nodes = nodes.to_start
     # when a node ends, `reporter` writes an event with the package of the node
     reporter.packages = {node.name: node.package for node in nodes.to_start}
     config.tests = []  # drop the nodes in <test> tags, because only rostest starts them
-    # `grade` sets these parameters itself
     for name in OUR_PARAMETERS & set(config.params):
         del config.params[name]
     # a launch file that clears all parameters below "/" would also delete the parameters of the simulator
@@ -317,27 +324,25 @@ class SortedNodes(NamedTuple):
     rviz: List[Dict[str, Any]]  # name, arguments and remaps of each RViz node; RViz is not started
     # package/type of each node that is not started, because it does not belong to the submission
     left_out: List[str]
-    # package/type and arguments of the nodes in `left_out`, without nodes of the grader's package
+    # package/type and arguments of each node that `grade` starts in place of the submission, or that needs a
+    # user; exercise 4 finds in them the bag that the launch file plays
     left_out_arguments: List[List[str]]
 
 
-def is_left_to_marking(node: Any, ours: Dict[str, List[str]]) -> bool:
-    """Return whether a node is left out because marking starts it itself, or because it needs a user.
-
-    For `ours`, see `sort_nodes`.
-    """
-    # in exercise 4, the submission itself starts a node of such a package, the filter
-    left_out = SIMULATION - set(ours["by_submission"])
+def is_left_to_marking(node: Any, ours: OwnNames) -> bool:
+    """Return whether a node is left out because marking starts it itself, or because it needs a user."""
+    # some packages of SIMULATION are the student's work in one exercise, so their nodes are not left out
+    left_out = SIMULATION - set(ours.by_submission)
     return (
         node.package in left_out
-        or node.package in ours["by_marking"]
+        or node.package in ours.by_marking
         or node.package.startswith("rqt")  # a program with a window
         # ROS would end the simulator's node if another node with the same name started
-        or node.namespace + node.name in ours["nodes"]
+        or node.namespace + node.name in ours.nodes
     )
 
 
-def sort_nodes(nodes: List[Any], reporter: Reporter, ours: Dict[str, List[str]]) -> SortedNodes:
+def sort_nodes(nodes: List[Any], reporter: Reporter, ours: OwnNames) -> SortedNodes:
     """Sort the nodes of a launch file into the submission's nodes, RViz, and nodes that are not started.
 
     The event "own" is written for each node of the grading package. The submission's nodes are changed: they
@@ -346,29 +351,26 @@ def sort_nodes(nodes: List[Any], reporter: Reporter, ours: Dict[str, List[str]])
     Args:
         nodes: nodes of the launch file, as roslaunch gives them.
         reporter: gets the events.
-        ours: lists of names in our own package. `by_submission` are packages of the robot whose nodes the
-            submission may start. `by_marking` are packages whose nodes `grade` starts itself. `rviz` are RViz
-            nodes of our launch files. `nodes` are nodes of the simulator. `places` are folders with our
-            programs.
+        ours: names and paths of our package.
     """
     # true if the submission starts an RViz that does not come from our launch files
-    has_own_rviz = any(node.package == "rviz" and node.name not in ours["rviz"] for node in nodes)
+    has_own_rviz = any(node.package == "rviz" and node.name not in ours.rviz for node in nodes)
     result = SortedNodes(to_start=[], rviz=[], left_out=[], left_out_arguments=[])
     for node in nodes:
-        if node.package == "rviz" and node.name in ours["rviz"] and has_own_rviz:
-            # the RViz of our launch file does not count if the submission starts its own RViz
-            continue
-        # RViz is not started. But its arguments name its configuration file, and this file is graded.
+        program = f"{node.package}/{node.type}"
         if node.package == "rviz":
-            remaps = [list(remap) for remap in node.remap_args]
-            result.rviz.append({"name": node.name, "args": node.args, "remap": remaps})
+            # RViz is never started, but its arguments name a configuration file, which is graded. The RViz of
+            # our launch files does not count if the submission has an RViz of its own.
+            if node.name not in ours.rviz or not has_own_rviz:
+                remaps = [list(remap) for remap in node.remap_args]
+                result.rviz.append({"name": node.name, "args": node.args, "remap": remaps})
         elif is_left_to_marking(node, ours):
-            result.left_out.append(f"{node.package}/{node.type}")
-            result.left_out_arguments.append([f"{node.package}/{node.type}", node.args or ""])
-        # a node of the grading package itself, which is not part of any submission
-        elif is_own(node, ours["places"]):
-            result.left_out.append(f"{node.package}/{node.type}")
-            reporter.write("own", node=f"{node.package}/{node.type}")
+            result.left_out.append(program)
+            result.left_out_arguments.append([program, node.args or ""])
+        # a program of the grading package is not part of any submission; `grade` reports it to the student
+        elif is_own(node, ours.places):
+            result.left_out.append(program)
+            reporter.write("own", node=program)
         else:
             node.output = "screen"  # otherwise roslaunch would write the output into a log file of its own
             drop_prefix(node, reporter)
@@ -388,20 +390,21 @@ def is_own(node: Any, places: List[str]) -> bool:
 
     Args:
         node: node of a launch file.
-        places: manifest of the grading package, and folders of its programs; empty if the nodes of the
-            grading package may start.
+        places: path of the grading package's package.xml, and then the folders of its programs. If the list
+            is empty, nodes of the grading package may be started, and the result is False.
     """
     if not places or node.package != OWN_PACKAGE:
         return False
-    manifest, *folders = places
+    our_manifest, *our_folders = places
     with contextlib.suppress(ResourceNotFound):
-        found = os.path.join(RosPack().get_path(node.package), "package.xml")
-        if os.path.realpath(found) == manifest:
+        # if several packages have this name, ROS finds one of them
+        manifest = os.path.join(RosPack().get_path(node.package), "package.xml")
+        if os.path.realpath(manifest) == our_manifest:
             return True
-    # if the submission's package does not have this program, roslaunch takes the program from another package
-    # of the same name, which may be ours
-    found_programs = roslib.packages.find_node(node.package, node.type)  # roslaunch starts the first
-    return any(os.path.dirname(os.path.realpath(path)) in folders for path in found_programs[:1])
+    # ROS finds the submission's package. If this package has no such program, roslaunch takes the program of
+    # another package with the same name, perhaps of ours. If there are several programs, it starts the first.
+    programs = roslib.packages.find_node(node.package, node.type)
+    return bool(programs) and os.path.dirname(os.path.realpath(programs[0])) in our_folders
 
 
 def drop_prefix(node: Any, reporter: Reporter) -> None:
@@ -467,10 +470,10 @@ class Parent(roslaunch.parent.ROSLaunchParent):
         self.config = self._ready
 
 
-def describe(launchable: List[str], reporter: Reporter, ours: Dict[str, List[str]]) -> Any:
+def describe(launchable: List[str], reporter: Reporter, ours: OwnNames) -> Any:
     """Load a launch file or node, and return its configuration, or None if it cannot be loaded.
 
-    The events say which nodes it would start, or why it cannot be loaded. For `launchable` and `ours`, see
+    The events say which nodes it would start, or why it cannot be loaded. For `launchable`, see
     `load_launchable`.
     """
     reporter.write("launchable")  # all events up to the next one of this kind are about this launchable
@@ -505,9 +508,9 @@ def main(arguments: List[str]) -> int:
 
     Args:
         arguments: EVENTS ACTION OURS LAUNCHABLE... EVENTS is the file for events. ACTION is describe, run, or
-            memcheck, which runs compiled programs in valgrind. OURS has names and paths from our package, as
-            a JSON object, see `load_launchable`. Each LAUNCHABLE is a launch file or node, as a JSON list,
-            such as ["--launch", PACKAGE, FILE].
+            memcheck, which runs compiled programs in valgrind. OURS has the fields of `OwnNames`, as a JSON
+            object. Each LAUNCHABLE is a launch file or node, as a JSON list, such as ["--launch", PACKAGE,
+            FILE].
     """
     events, action, ours, *launchables = arguments
     # our launch files read this variable; without it, they would refuse to start because a simulator is
@@ -520,7 +523,7 @@ def main(arguments: List[str]) -> int:
     # single one
     config = None
     for launchable in launchables:
-        config = describe(json.loads(launchable), reporter, json.loads(ours))
+        config = describe(json.loads(launchable), reporter, OwnNames(**json.loads(ours)))
     # without a launchable (launch file or node), the call only checks that this program can start
     if action == "describe" or config is None:
         has_failed = bool(launchables) and config is None  # the last launchable cannot be loaded
