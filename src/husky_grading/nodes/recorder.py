@@ -45,6 +45,7 @@ from husky_grading.nodes.ros_access import UNANSWERED, DriveAccess
 from husky_grading.notes import Kind, Note
 from husky_grading.recording import (
     CUT_OFF,
+    Recording,
     ahead_and_turn,
     is_zero,
     pose_jumps,
@@ -112,7 +113,8 @@ class DriveRecorder:
         # sentences on broken rules. They are the keys of a dict, so each sentence occurs once, and their
         # order is kept.
         self._violations: Dict[str, None] = {}
-        # sentence on scans that the submission did not answer by a command; empty if it answered all scans
+        # sentence that says that the submission did not answer every scan with a command; empty if the
+        # simulator has not reported this
         self._unanswered = ""
         # set by the message GoOn: the recorder joins the run now, although the submission is not ready
         self._go_on = threading.Event()
@@ -127,9 +129,9 @@ class DriveRecorder:
             rospy.Subscriber(topic, rospy.AnyMsg, self._on_command, queue_size=1000, tcp_nodelay=True)
             for topic in VELOCITY_TOPICS
         ]
-        # The exercise's watch (class Watch) follows the run and decides when the run is over. It uses ROS
-        # only by `_access`.
-        self._access = DriveAccess(self._our_nodes, self._markers)
+        self._access = DriveAccess(self._our_nodes, self._markers)  # through which `_watch` uses ROS
+        # the exercise's own part of the recorder (class Watch); it follows the run, and decides when the run
+        # is over
         self._watch = EXERCISES[self._task.exercise].watch(self._initial, self._access)
         # receives the true states and events of the simulator by a socket and not by ROS, so a submission
         # cannot forge them
@@ -221,22 +223,30 @@ class DriveRecorder:
         self._watch.on_truth(state)
 
     def _on_event(self, kind: str, text: str) -> None:
-        """Take an event of the simulator: a call that changed the world, or a scan without an answer.
+        """Keep an event of the simulator: a call that changed the world, or a scan without a command.
 
-        An event "asleep" does not count if the exercise has told the submission to stop, because a stopped
-        controller may sleep. An event "unanswered" always counts, because it means that the simulator no
-        longer waits for answers to its scans.
+        The simulator waits after each scan for a command of the submission.
+
+        Args:
+            kind: "changed" if a service call has changed the world. "asleep" if no command came after a scan,
+                because the controller sleeps. "unanswered" if the simulator has waited in vain, and waits for
+                no command any more.
+            text: sentence on the event.
         """
         if kind == "changed":
             self._violate(f"the simulator was asked to interfere at {self._now:.2f} s: {text}")
-        elif kind == "unanswered":  # an event that comes at most once in a run
+        elif kind == "unanswered" or (kind == "asleep" and not self._was_told_to_stop()):
+            # sentence that says that the submission did not answer every scan with a command
             self._unanswered = text
-        elif kind == "asleep":  # a scan was not answered, because the controller sleeps
-            # The exercise has stopped the submission only if it has asked for a stop about when the last
-            # command came, or later. If commands have come since then, the submission drives again.
-            last_command = self._commands[-1] if self._commands else -inf
-            if not self._watch.has_silenced(last_command):
-                self._unanswered = text
+
+    def _was_told_to_stop(self) -> bool:
+        """Return whether the exercise has told the submission to stop, so that it may send no commands.
+
+        If the submission still sends commands long after it was told to stop, it drives again, and the result
+        is False.
+        """
+        last_command = self._commands[-1] if self._commands else -inf  # [s] simulated time
+        return self._watch.has_silenced(last_command)
 
     def _violate(self, text: str) -> None:
         """Record that the submission has broken a rule, by a sentence; at most MAX_VIOLATIONS are kept."""
@@ -347,10 +357,10 @@ class DriveRecorder:
     def _join(self) -> None:
         """Join the run, once, if the submission is ready or will not become ready (message GoOn).
 
-        In lockstep, simulated time begins only when a node subscribes to the scans and a node advertises
-        commands. So the recorder subscribes to the scans only now, because otherwise time could begin before
-        the submission is ready. If the submission will not become ready, for example because its nodes have
-        ended, the recorder itself advertises commands, because otherwise time would never begin.
+        The simulator lets time begin when a node subscribes to the scans and a node advertises commands. The
+        recorder subscribes to the scans here and not earlier, so time does not begin before the submission is
+        ready. A submission that will not become ready may advertise no commands, for example because its
+        nodes have ended. Then the recorder advertises commands in its place, so time begins all the same.
         """
         is_ready = self._watch.is_submission_ready(self._state)
         has_joined = self._joined_at < inf
@@ -358,12 +368,14 @@ class DriveRecorder:
             return
         self._joined_at = time.monotonic()
         self._send(Joined())
+        # in exercise 4, a bag is played in place of the simulator; the bag player waits for no scans and no
+        # commands
         if not self._watch.reads_scans:
             return
         if not is_ready:
             self._access.advertise_commands()
-            # in exercise 2, the watch drives the robot and sends its first command before the first scan;
-            # the watches of other exercises do nothing here
+            # In exercise 2, the watch itself drives the robot. It sends a command after each scan, and its
+            # first command here, before the first scan. The watches of other exercises send nothing.
             self._watch.on_scan(stamp=0.0)
         scans = self._initial.scan_topic
         self._subscribers.append(
@@ -371,7 +383,7 @@ class DriveRecorder:
         )
 
     def _begin_when_connected(self) -> None:
-        """Let simulated time begin if all recorded topics have connected, or CONNECTING after the joining.
+        """Let simulated time begin if all recorded topics are connected, or CONNECTING seconds after `_join`.
 
         So two runs of the same submission are recorded alike from their first moment. `run` calls this only
         after `_join`, so the topics and their publishers are known.
@@ -400,13 +412,17 @@ class DriveRecorder:
                 return
             self._handed_over = True
             states = list(self._truth)  # a copy, because another thread may append further states
+        self._send(self._recording_of(states, cause))
+
+    def _recording_of(self, states: Sequence[TrueState], cause: Optional[Note]) -> Recording:
+        """Return the recording of the run with these true states; `cause` is the reason why it is over."""
         times, poses, speeds = _arrays_of(states)
         frames = self._markers.frames
         notes = [*self._markers.notes]
-        # unanswered scans are reported only if the submission has sent commands at all
+        # if no command came at all, the judge says this (`first_cause`), and a note on the scans adds nothing
         if self._unanswered and self._command_count:
             notes.insert(0, Note(Kind.UNANSWERED_SCANS, self._unanswered))
-        recording = replace(
+        return replace(
             self._initial,
             times=times,
             poses=poses,
@@ -435,7 +451,6 @@ class DriveRecorder:
             estimate=self._watch.estimate,
             watched={**self._initial.watched, **self._watch.kept()},
         )
-        self._send(recording)
 
 
 def _arrays_of(states: Sequence[TrueState]) -> Tuple[np.ndarray, np.ndarray, np.ndarray]:
