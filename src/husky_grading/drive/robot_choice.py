@@ -31,12 +31,19 @@ class RobotChoice:
         """
         if heard is None or not self.is_guess:
             return self
-        if heard.scans:  # the same robot, but its scans are sent on another topic
+        if heard.scans:  # no robot uses the submission's topic of scans, so a Husky sends its scans there
             why = f"scans are sent on {heard.scans}, the only topic of scans that it subscribes to"
         else:
             title = ROBOT_TITLES[heard.robot]
             why = f"the simulated robot is the {title}: it subscribes to {heard.scan_topic}"
         return RobotChoice(heard, why)
+
+    def confirmed(self) -> RobotChoice:
+        """Return the choice after the submission has subscribed to the scans of the chosen robot.
+
+        A guess was right then, so it becomes certain, and the subscription is named as its reason.
+        """
+        return self.after_hearing(self.config)
 
     def settled(self) -> RobotChoice:
         """Return the choice for further runs, whose recordings need not repeat the reason."""

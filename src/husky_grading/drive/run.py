@@ -67,7 +67,7 @@ def drive_submission(
     """Let a submission drive once, and write recording.json.
 
     If the robot is a guess and the submission subscribes to another robot's scans, the run ends at once, and
-    nothing is written.
+    nothing is written. The result then has the robot with which the caller must repeat the run.
 
     Args:
         submission: submission to start.
@@ -84,28 +84,18 @@ def drive_submission(
     # the socket for the true poses is in a folder that the submission does not see
     with Network(folder) as network, tempfile.TemporaryDirectory(prefix="husky_") as private:
         truth_socket = f"{private}/truth"
-        packages = tuple(map(str, submission.workspace.packages))
-        # Recording to which the recorder adds the run. It already has the facts that the exercise has found
-        # in the submission's files.
-        initial = replace(
-            not_begun(trial, robot.config), uninitialised=unwritten_variable, watched=submission.facts
-        )
-        task = Assignment(
-            initial, truth_socket, robot.config.exercise, ours=SIMULATOR_NODES, packages=packages
-        )
+        task = _assignment(submission, trial, robot, unwritten_variable, truth_socket)
         recorder = _start_recorder(network, task)
         simulator = bring_up(network, trial, robot.config, truth_socket)
         submitted, events_file = start_submission(network, submission)
-        # settings of the run; their robot is the one whose scans the submission receives
-        heard_config = _wait_until_it_takes_part(network, recorder, submission, submitted, robot)
-        if heard_config != robot.config:  # the guess was wrong, and the caller repeats the run
-            return Driven(robot.after_hearing(heard_config))
+        # settings with the robot whose scans the submission receives
+        right_config = _wait_until_it_takes_part(network, recorder, submission, submitted, robot)
+        if right_config != robot.config:  # the guess was wrong
+            return Driven(robot.after_hearing(right_config))
         # reason why the run must be cut off; None if the recorder itself has ended the run
         cut_off = _follow(recorder, submitted, simulator, robot.config, on_time)
-        # if the robot was a guess, the subscription to its scans confirms the guess, and is named as the
-        # reason
-        if recorder.subscribed:
-            robot = robot.after_hearing(robot.config)
+        if recorder.subscribed:  # the submission has subscribed to the scans of the simulated robot
+            robot = robot.confirmed()
         # The process is observed now, because the end of the network will end the submission, too. Then the
         # ends of its nodes would look like faults.
         closing = _observations(submission, submitted, events_file, robot, cut_off)
@@ -118,6 +108,20 @@ def drive_submission(
     recording = closed(recorder.recording, closing)
     write_whole(folder / RECORDING, recording_to_json(recording))
     return Driven(robot, recording)
+
+
+def _assignment(
+    submission: Submission, trial: Trial, robot: RobotChoice, unwritten_variable: str, truth_socket: str
+) -> Assignment:
+    """Return the task of the recorder, with a recording to which it adds the run.
+
+    The recording already has the facts that the exercise has found in the submission's files.
+    """
+    initial = replace(
+        not_begun(trial, robot.config), uninitialised=unwritten_variable, watched=submission.facts
+    )
+    packages = tuple(map(str, submission.workspace.packages))
+    return Assignment(initial, truth_socket, robot.config.exercise, ours=SIMULATOR_NODES, packages=packages)
 
 
 def _start_recorder(network: Network, task: Assignment) -> RecorderChannel:
