@@ -15,11 +15,9 @@ LOOK_PERIOD = 0.5  # [s] wall time between two queries of the ROS graph
 # [s] a program is idle if none of its threads has run for the wall time IDLE; before it has subscribed to a
 # topic, IDLE_BEFORE counts, because some controllers first sleep for 10 s
 IDLE, IDLE_BEFORE = 2.0, 12.0
-# A program that publishes in a loop is never idle, but it settles, and then no new registration is expected.
-# It has settled if two conditions are true since its last registration with the ROS master. It has computed
-# or slept for SETTLED [s] in total. It has computed for at least SETTLED_CPU [s]. Time in which the program
-# waits for a CPU does not count. While one of its nodes has not registered, both times are NODE_MISSING times
-# as long.
+# A program that publishes in a loop is never idle. It has settled if it has registered nothing new at the ROS
+# master while it computed or slept for SETTLED [s] in total, and computed for SETTLED_CPU [s] of them. Both
+# times are NODE_MISSING times as long while one of its nodes has not registered at all.
 SETTLED, SETTLED_CPU, NODE_MISSING = 5.0, 0.5, 4.0
 # [s] a program that is neither idle nor settled is waited for until it has used this CPU time, but at most
 # for this wall time
@@ -69,17 +67,19 @@ class _Activity:
         self._process = process
         self._node_count = node_count  # number of the nodes that the program starts
         self._read_graph = read_graph  # returns the registrations of the program's nodes
-        self.cpu_seconds = 0.0  # [s] CPU time that the program has used since its start
+        now = time.monotonic()
+        self._measured_at = now  # [s] wall time of the last measurement
+        self._ran_at = now  # [s] wall time of the last measurement at which a thread of the program ran
+        self._looked_at = now  # [s] wall time of the last query of the ROS graph
         self._registered = Registered()  # registrations at the last query of the ROS graph
-        # [s] wall time in which no thread ran, since the last change of the registrations
-        self._slept = 0.0
+        self.cpu_seconds = 0.0  # [s] CPU time that the program has used since its start
         # [s] CPU time that the program had used at the last change of its registrations
         self._cpu_at_change = 0.0
-        # [s] wall times: last measurement, last moment with a running thread, last query of the ROS graph
-        self._measured_at = self._ran_at = self._looked_at = time.monotonic()
+        # [s] wall time in which no thread ran, since the last change of the registrations
+        self._slept = 0.0
 
     def measure(self) -> None:
-        """Measure the CPU time and the sleep, and look at the graph every LOOK_PERIOD."""
+        """Measure how long the program has computed and slept; every LOOK_PERIOD, query its registrations."""
         runs, self.cpu_seconds = state_of_tree(self._process.popen.pid)
         now = time.monotonic()
         if runs:
@@ -89,11 +89,14 @@ class _Activity:
         self._measured_at = now
         if now - self._looked_at > LOOK_PERIOD:
             self._looked_at = now
-            registered = self._read_graph()
-            if registered != self._registered:
-                # the program has made progress, so the sleep and the CPU time since then are counted from 0
-                self._registered = registered
-                self._slept, self._cpu_at_change = 0.0, self.cpu_seconds
+            self._query_registrations()
+
+    def _query_registrations(self) -> None:
+        """Query the registrations; if they have changed, count CPU time and sleep from 0 again."""
+        registered = self._read_graph()
+        if registered != self._registered:
+            self._registered = registered
+            self._slept, self._cpu_at_change = 0.0, self.cpu_seconds
 
     @property
     def is_idle(self) -> bool:
@@ -105,15 +108,14 @@ class _Activity:
     def has_settled(self) -> bool:
         """Return whether the program has registered nothing new for long, although it has computed.
 
-        Time in which the program waits for a CPU does not count, so only CPU time and sleep are added. A
-        program that only sleeps has not settled; it becomes idle.
+        Only CPU time and sleep count, because a program that waits for a CPU on a busy machine may still
+        register something. A program that only sleeps has not settled, but it becomes idle.
         """
         if not self._registered.advertised and not self._registered.subscribed:
-            return False
+            return False  # the nodes still start
         is_node_missing = len(self._registered.nodes) < self._node_count
-        # factor of both limits, which is larger while one of the nodes has not registered
-        patience = NODE_MISSING if is_node_missing else 1.0
-        computed = self.cpu_seconds - self._cpu_at_change
+        patience = NODE_MISSING if is_node_missing else 1.0  # factor of both limits
+        computed = self.cpu_seconds - self._cpu_at_change  # [s] CPU time since the last change
         return computed > SETTLED_CPU * patience and computed + self._slept > SETTLED * patience
 
 
