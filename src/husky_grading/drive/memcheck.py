@@ -120,26 +120,14 @@ def find_unwritten_variable(
         # submission, which is slow in valgrind
         simulator = simulate(network, trial, replace(robot.config, pace=PACE))
         process, _ = start_submission(network, submission, "memcheck")
-
-        def subscribes() -> bool:
-            """Return whether the submission subscribes to the scans of the simulated robot."""
-            return robot.config.scan_topic in topics_subscribed(network.uri, SIMULATOR_NODES)
-
-        # true if the submission subscribes to the scans; false if it ends or becomes idle before that
-        gets_scans = wait_while_active(
-            process,
-            node_count=len(submission.nodes),
-            condition=subscribes,
-            # a submission that still registers new topics is active
-            read_graph=lambda: read_registrations(network.uri, SIMULATOR_NODES),
-        )
+        gets_scans = _wait_for_subscription(network, submission, process, robot.config.scan_topic)
         final_choice = robot  # robot that is simulated in the end
         if robot.is_guess:
             # settings of the robot whose scans the submission receives; None if there is no such robot, and
             # then `after_hearing` keeps the guess
             heard_config = robot_listened_to(network.uri, SIMULATOR_NODES, robot.config)
             final_choice = robot.after_hearing(heard_config)
-        if final_choice.config != robot.config:  # the guess was wrong
+        if final_choice.config != robot.config:  # the guess was wrong, so another robot is simulated now
             simulator.kill()
             simulate(network, trial, replace(final_choice.config, pace=PACE))
             # the submission has already subscribed to this robot's scans, and gets them if it still runs
@@ -152,6 +140,19 @@ def find_unwritten_variable(
     # `or folder` is only for mypy: `is_worth_checking` lets no submission without a root come here
     sources = (submission.root or folder) / "src"
     return sentence(reads_in(log, sources), sources), final_choice
+
+
+def _wait_for_subscription(
+    network: Network, submission: Submission, process: Process, scan_topic: str
+) -> bool:
+    """Wait until a submission subscribes to the scans; False if it ends or becomes idle before that."""
+    return wait_while_active(
+        process,
+        node_count=len(submission.nodes),
+        condition=lambda: scan_topic in topics_subscribed(network.uri, SIMULATOR_NODES),
+        # a submission that still registers new topics is active
+        read_graph=lambda: read_registrations(network.uri, SIMULATOR_NODES),
+    )
 
 
 def _let_callbacks_run(process: Process) -> None:
@@ -227,7 +228,7 @@ def reads_in(log: str, sources: Path) -> List[Read]:
         origin = _first_own_line(creation_stack, own_files)
         if reading_stack.startswith(("Conditional jump", "Use of uninitialised value")):
             place = _first_own_line(reading_stack, own_files)
-            # None means that the value is only printed, or that no line of the submission reads it
+            # without a place, the value is only printed, or the submission does not read it
             if place is not None:
                 found.append(Read(place, origin))
         elif reading_stack.startswith("Syscall param") and "ros::" in reading_stack and origin is not None:
@@ -237,10 +238,9 @@ def reads_in(log: str, sources: Path) -> List[Read]:
 
 
 def _first_own_line(stack: str, own_files: Collection[str]) -> Optional[Place]:
-    """Return the innermost line of a call stack that is in `own_files`; None if the value is only printed.
+    """Return the innermost line of a call stack that is in `own_files`; None if it has none, or only prints.
 
-    `own_files` are the names of the submission's source files. The result is also None if none of the DEPTH
-    innermost calls is in these files.
+    Only the DEPTH innermost calls count. `own_files` are the names of the submission's source files.
     """
     # the calls come from the innermost to the outermost; the line before the first call is a title
     for line in stack.splitlines()[: DEPTH + 1]:

@@ -34,10 +34,9 @@ def observe(
     Before the runs, a C++ program may be started once in valgrind, to find variables that it reads before it
     writes them. Runs after the first one follow only if the robot moves in the first one.
 
-    The choice of the robot may be a guess between versions of the Husky, which send scans on different
-    topics. The topic of scans to which the submission subscribes then shows the right robot. The check in
-    valgrind finds this topic. Without a check, or if the node ends in the check before it subscribes, the
-    first run finds the topic, and is repeated if the guess was wrong.
+    The choice of the robot may be a guess. Then the right robot is the one whose scans the submission
+    subscribes to. This shows in the check in valgrind, or otherwise in the first run. If the guess was wrong,
+    the first run is repeated with the right robot.
 
     Raises:
         MarkingError: the network, the simulator or the recorder does not work.
@@ -62,6 +61,7 @@ def observe(
         try:
             driven = _drive_right_robot(drive, trial, robot, title)
         finally:
+            # the folder gets its name even after an error, because it has the logs of the run
             if (out / DRIVE).exists():
                 (out / DRIVE).rename(out / f"drive_{trial.number}")
         if not driven.moved and trial is trials[0]:
