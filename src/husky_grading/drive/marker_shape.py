@@ -112,19 +112,22 @@ def _middle(points: np.ndarray) -> List[float]:
 
 
 def hull_distance(points: np.ndarray) -> float:
-    """Return the distance from the origin to the convex hull of points, (N, 2) [m]; 0 if it is inside."""
-    # the origin is inside if it has points all around it; then the angle between two neighbouring directions
-    # is always less than half a turn
+    """Return the distance from the origin to the convex hull of points, (N, 2) [m]; 0 inside the hull."""
+    # The origin is inside the hull if it has points all around it. Then the angle from each point to the next
+    # one, seen from the origin, is less than half a turn. The tolerance of 1e-9 rad is for rounding.
     bearings = sorted(atan2(y, x) for x, y in points)
-    gaps = np.diff([*bearings, bearings[0] + 2.0 * pi])
-    if len(points) > 2 and gaps.max() < pi - 1e-9:
+    angles_to_next = np.diff([*bearings, bearings[0] + 2.0 * pi])
+    if len(points) > 2 and angles_to_next.max() < pi - 1e-9:
         return 0.0
-    # The nearest point of the hull lies on a line between two of the points, so all pairs are tried. A point
-    # is also paired with itself, because a single point has no other pair.
-    first, second = (points[indices] for indices in np.triu_indices(len(points)))
+    # The nearest point of the hull lies on a line between two of the points, so the lines of all pairs are
+    # tried. A point is also paired with itself, because a single point has no other pair.
+    first_indices, second_indices = np.triu_indices(len(points))
+    first, second = points[first_indices], points[second_indices]
     along = second - first
+    # [m^2] never 0, because it is a divisor below
     squared_length = np.maximum((along**2).sum(axis=1), 1e-12)
-    # nearest point of each line to the origin, as a fraction of the way from `first` (0) to `second` (1)
+    # The foot of the perpendicular from the origin to each line, as a fraction of the way from `first` (0) to
+    # `second` (1). If the foot lies beyond an end of the line, this end is the nearest point.
     fraction = np.clip(-(first * along).sum(axis=1) / squared_length, 0.0, 1.0)
     nearest = first + fraction[:, np.newaxis] * along
     return float(np.sqrt((nearest**2).sum(axis=1)).min())

@@ -74,18 +74,21 @@ def read_registrations(uri: str, our_nodes: Collection[str]) -> Registered:
 
     The result is empty if the master does not answer.
     """
-    # publishers of each topic, subscribers of each topic, and offering nodes of each service
+    # publishers, subscribers and services; each of the three has pairs of a name and the names of its nodes
     state = _ask(uri, "getSystemState") or ((), (), ())
     publishers, subscribers, *_ = state
-    all_nodes = {node for part in state for _, nodes in part for node in nodes}
+    all_pairs = [pair for part in state for pair in part]
+    all_nodes = {node for _, nodes in all_pairs for node in nodes}
 
-    def topics_of_others(part: Sequence[Tuple[str, Sequence[str]]]) -> FrozenSet[str]:
+    def topics_of_others(pairs: Sequence[Tuple[str, Sequence[str]]]) -> FrozenSet[str]:
         """Return the topics for which the master has a node that is not ours."""
-        used = {topic for topic, nodes in part if set(nodes) - set(our_nodes)}
+        used = {topic for topic, nodes in pairs if set(nodes) - set(our_nodes)}
         return frozenset(used - EVERY_NODE_HAS)
 
     return Registered(
-        frozenset(all_nodes - set(our_nodes)), topics_of_others(publishers), topics_of_others(subscribers)
+        nodes=frozenset(all_nodes - set(our_nodes)),
+        advertised=topics_of_others(publishers),
+        subscribed=topics_of_others(subscribers),
     )
 
 

@@ -37,7 +37,7 @@ class TruthFeed:
         self._path, self._on_truth, self._on_event = path, on_truth, on_event
         # first exception of a callback; the reader continues after it. None if there is none.
         self.failure: Optional[Exception] = None
-        self._may_begin = threading.Event()  # set by `begin`
+        self._may_begin = threading.Event()  # set by `begin`: simulated time may begin
         self._listener = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
         self._listener.bind(str(path))
         path.chmod(0o600)  # only our own user can connect
