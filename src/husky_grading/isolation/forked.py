@@ -139,9 +139,10 @@ def _run(
 def _end_with_marking() -> None:
     """Kill this program when marking has ended.
 
-    For `multiprocessing`, marking is the parent, because marking has asked for this program. For the kernel,
-    the parent is the server process that has forked this program, so the end of marking sends no signal.
+    The kernel could send this program a signal only at the end of the process that has forked it, and that is
+    the server process, not marking. So a thread of this program waits for the end of marking.
     """
+    # for `multiprocessing`, marking is the parent, because marking has asked the server process to fork
     marking = multiprocessing.parent_process()
     assert marking is not None
     marking.join()

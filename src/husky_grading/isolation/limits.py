@@ -150,8 +150,8 @@ def temporary_files(processes: Sequence[psutil.Process]) -> int:
 def _used_of_sandbox(folder: str) -> int:
     """Return the size of the files in a memory folder of the sandbox [bytes].
 
-    The sandbox gives its folders TEMPORARY_FILES bytes each. While the sandbox is made, a larger file system
-    of the machine is at the same path. This file system counts as 0.
+    The sandbox mounts a folder of at most TEMPORARY_FILES bytes at this path. Before that, a folder of the
+    machine is at this path. Its file system is larger, so it is recognised by its size, and counts as 0.
 
     Raises:
         OSError: the folder does not exist any more.
@@ -162,20 +162,22 @@ def _used_of_sandbox(folder: str) -> int:
 
 
 def _enter_ipc_namespace(processes: Sequence[psutil.Process]) -> bool:
-    """Let the calling thread enter the IPC namespace of the first of the processes that is in a sandbox.
+    """Let the calling thread enter the sandbox's IPC namespace, because it sees the shared memory only there.
 
     Returns:
-        Whether the thread is in the IPC namespace of a sandbox, now or since an earlier call.
+        Whether the thread is in the IPC namespace of a sandbox, now or since an earlier call. False if
+            none of the processes is in a sandbox.
     """
     our_namespace = os.readlink("/proc/self/ns/ipc")  # IPC namespace of this program
     if os.readlink("/proc/thread-self/ns/ipc") != our_namespace:
-        return True  # the thread has entered the namespace at an earlier call
+        return True  # the thread has entered the sandbox's namespace at an earlier call
     for process in processes:
         namespace = f"/proc/{process.pid}/ns/ipc"
         with contextlib.suppress(OSError):  # an OSError means that the process has ended
             if os.readlink(namespace) != our_namespace:
                 with open(namespace) as file:
                     ctypes.CDLL(None).setns(file.fileno(), CLONE_NEWIPC)
+                # `setns` raises no error if it fails, so this checks whether the thread has entered
                 if os.readlink("/proc/thread-self/ns/ipc") != our_namespace:
                     return True
     return False

@@ -16,10 +16,10 @@ ROOT = Path("/")
 def hide_places(text: str, folders: Iterable[Path]) -> str:
     """Return a text without the paths of these folders, of this package, of Python and of the home folder.
 
-    A path inside of a folder is cut to its part behind the folder. The path of a folder becomes its name. The
-    neutral folder of the results counts as one of the folders. Its path is in the files of a marking that is
-    judged again, perhaps by another user.
+    A path inside of a folder is cut to its part behind the folder. The path of a folder becomes its name.
     """
+    # The neutral folder of the results counts, too. If the marking of another user is judged again, the text
+    # has the path of that user's neutral folder.
     neutral_folders = map(Path, NEUTRAL_PATH.findall(text))
     # the root and the folder "." are not replaced, because "/" and "." are in most texts
     places = {*folders, *neutral_folders, *_own_places()} - {ROOT, Path()}

@@ -130,7 +130,7 @@ def _bubblewrap() -> List[str]:
 
 
 def works(program: str, *arguments: str) -> bool:
-    """Return whether a program of the system ends with exit code 0; it only tests what the machine allows.
+    """Run a program that only tests what this machine allows, and return whether its exit code is 0.
 
     Raises:
         HuskyError: the program does not end in time. A slow machine must not get a weaker sandbox.

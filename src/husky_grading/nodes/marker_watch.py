@@ -188,14 +188,15 @@ class MarkerWatch:
     def _is_due(self, now: float, key: Tuple[str, str]) -> bool:
         """Return whether a marker that comes now is kept; if so, count the marker.
 
-        All markers that come at the same time are kept. Then markers of the same topic and namespace are
-        ignored for PERIOD. After more than CROWD markers, this pause is longer, in proportion to their
-        number, because a run keeps at most MAX_SAMPLES markers.
+        All markers that come at the same time are kept. Then further markers of the same topic and namespace
+        are ignored for PERIOD. If more than CROWD markers came at once, this pause is longer: twice as long
+        after twice CROWD markers. Otherwise a run would soon have MAX_SAMPLES markers, and keep no more.
         """
         if self._closed or len(self._samples) >= MAX_SAMPLES:
             return False
-        at, count = self._moments.get(key, (-inf, 0))  # last moment that was kept, and its number of markers
-        if now > at:  # this marker would begin a new moment
+        # latest time at which markers were kept, and how many were kept at this time
+        at, count = self._moments.get(key, (-inf, 0))
+        if now > at:  # this marker would be the first one of a new time
             if now - at < PERIOD * max(1.0, count / CROWD):
                 return False
             at, count = now, 0

@@ -137,7 +137,7 @@ class DriveAccess:
         return self._transforms.places()
 
     def descriptions(self, frames: Collection[str]) -> Tuple[str, ...]:
-        """Return the names of the parameters whose URDF has a link with one of these names."""
+        """Return the names of the parameters with a URDF that has a link for at least one of these frames."""
         names = []
         with suppress(*UNANSWERED):  # names so far are returned if the master stops answering
             for name in rospy.get_param_names():
