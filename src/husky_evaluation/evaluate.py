@@ -53,7 +53,9 @@ TOUCHING = ControlConfig(stop_distance=0.0)  # control of a robot that drives un
 
 
 HEADER = ("figure", "value", "wanted", "verdict")
-Row = Tuple[Any, ...]  # row of a table, with the columns of HEADER
+# row of a table, with the columns of HEADER; the verdict is a `Cell`, whose style is "missed" if the value
+# misses its limits
+Row = Tuple[Any, ...]
 
 
 class Replays:
@@ -315,7 +317,7 @@ def result_of_evaluation(figures: Mapping[str, Sequence[Row]], lead: str, source
     """
     tables = [Table(title, HEADER, rows) for title, rows in figures.items()]
     rows = [row for table in tables for row in table.rows]
-    missed = "; ".join(name for name, _, _, verdict in rows if verdict.style == "missed")
+    missed = "; ".join(name for name, _, _, cell in rows if cell.style == "missed")
     verdict = f"missed: {missed}" if missed else "every figure is within its limits"
     return Result("Evaluation of the controller", lead, tables, verdict, failed=bool(missed), source=source)
 

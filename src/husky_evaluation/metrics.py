@@ -119,14 +119,18 @@ def run_scene(item: Tuple[Setup, Scenario]) -> DriveResult:
 
 
 def run_with_page(item: Tuple[Setup, Scenario]) -> Tuple[DriveResult, str]:
-    """Drive a scenario, and return its metrics and the text of a replay, named by scenario and gains."""
+    """Drive a scenario, and return its metrics and the HTML text of a page that plays the run.
+
+    The metrics have the name of the page's file, which is made of the scenario's name and the gains.
+    """
     setup, scenario = item
     trace = drive_scenario(setup, scenario)
-    result, control = judge_trace(trace, scenario, setup), setup.control
+    result = judge_trace(trace, scenario, setup)
+    control, robot = setup.control, setup.simulator.robot
     gains = f"gains {control.p_gain_vel:g} {control.p_gain_ang:g}, stop {control.stop_distance:g} m"
-    title, robot = f"{result.name}, {gains}", setup.simulator.robot
+    title = f"{result.name}, {gains}"
     page = to_html(Replay(title, result.summary, trace.times, trace.poses, trace.pillars, robot=robot))
-    # name of the file: the title, with an underscore in place of spaces and other special characters
+    # the title, with an underscore in place of spaces and other special characters
     file_name = re.sub(r"[^a-z0-9.]+", "_", title.lower()) + ".html"
     return replace(result, replay=file_name), page
 

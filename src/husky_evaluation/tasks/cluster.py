@@ -244,10 +244,11 @@ def _send_by_value(task: Callable[[Any], Any]) -> None:
     module: Any = sys.modules.get(getattr(task, "__module__", ""))
     if not hasattr(module, "__file__"):
         return  # a module without a file has no code that could be sent
+    package = module.__name__.split(".")[0]
     is_installed = "-packages" in str(module.__file__)  # the module is in site-packages or dist-packages
-    # cloudpickle always sends the code of `__main__`
-    is_importable = is_installed or module.__name__.split(".")[0] in (*OURS, "__main__")
-    if not is_importable:
+    is_importable = is_installed or package in OURS
+    # cloudpickle sends the code of the module `__main__` in any case
+    if not is_importable and package != "__main__":
         cloudpickle.register_pickle_by_value(module)
 
 

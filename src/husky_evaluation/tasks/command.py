@@ -31,15 +31,17 @@ def is_typed_by_one_command() -> bool:
 
 
 def add_old_name(parser: argparse.ArgumentParser, old: str, option: argparse.Action) -> None:
-    """Accept the name that an option had before version 1.0, and log its new name."""
+    """Accept the name that an option had before version 1.0; each use of this name prints the new name."""
     new = option.option_strings[0]
 
     class OldName(argparse.Action):
+        """Action of the old name: it prints the new name, and stores the value as the value of the option."""
+
         def __call__(self, parser: Any, namespace: Any, values: Any, option_string: Any = None) -> None:
             print(f"{parser.prog}: {old} is now called {new}; the old name still works", file=sys.stderr)
             setattr(namespace, self.dest, values)
 
-    # the old name sets the value of the new name; it is not in the help, and it has no default of its own
+    # The old name is not in the help. It has no default, because the default of the option is enough.
     parser.add_argument(
         old, dest=option.dest, type=option.type or str, action=OldName, help=argparse.SUPPRESS,
         default=argparse.SUPPRESS,
