@@ -260,6 +260,7 @@ class PackedPath:
         path, content = self.path, io.BytesIO()
         room = MAX_BYTES  # [bytes] the files that are not packed yet may have this size together
         with tarfile.open(fileobj=content, mode="w:gz", compresslevel=1) as archive:
+            # the delivered file, or the delivered folder without its content, which follows
             archive.add(path, path.name, recursive=False)
             for file in walk(path) if path.is_dir() else ():
                 size = file.stat().st_size

@@ -98,16 +98,19 @@ def _copy_package(package: Package, target: Path, room: int) -> _CopiedPackage:
     A file of more than MAX_FILE bytes is left out. A file that does not fit into the rest of `room` [bytes]
     is left out, too. The smallest files are copied first, so that large files are left out before small ones.
     """
-    copied = _CopiedPackage(size=0, large=[], made_executable=[], other_interpreter=[])
+    copied_size = 0  # [bytes] size of all files that were copied so far
+    large: List[str] = []
+    made_executable: List[str] = []
+    other_interpreter: List[str] = []
     target.mkdir()
     # sizes of the contents, and not of the blocks on the disk, because the copy of a sparse file takes its
     # full size
     sizes = {path: path.stat().st_size for path in walk(package.path, BUILT)}
     for path, size in sorted(sizes.items(), key=lambda entry: entry[1]):
-        if size > MAX_FILE or size > room - copied.size:
-            copied.large.append(path.name)
+        if size > MAX_FILE or size > room - copied_size:
+            large.append(path.name)
             continue
-        copied = copied._replace(size=copied.size + size)
+        copied_size += size
         copy = target / path.relative_to(package.path)
         copy.parent.mkdir(parents=True, exist_ok=True)
         shutil.copyfile(path, copy)
@@ -115,11 +118,11 @@ def _copy_package(package: Package, target: Path, room: int) -> _CopiedPackage:
         with copy.open("rb") as file:
             is_script = file.read(2) == b"#!"
         if is_script and _repair_interpreter(copy):
-            copied.other_interpreter.append(path.name)
+            other_interpreter.append(path.name)
         if is_script and not is_executable:
-            copied.made_executable.append(path.name)
+            made_executable.append(path.name)
         copy.chmod(0o755 if is_executable or is_script else 0o644)
-    return copied
+    return _CopiedPackage(copied_size, large, made_executable, other_interpreter)
 
 
 def _repair_interpreter(script: Path) -> bool:
@@ -128,7 +131,8 @@ def _repair_interpreter(script: Path) -> bool:
     This machine may not have the other program. Returns whether the script was changed.
     """
     line, _, code = script.read_bytes().partition(b"\n")
-    if not _PYTHON.fullmatch(line) or line.replace(b"#! ", b"#!") in _USUAL_PYTHON:
+    is_usual = line.replace(b"#! ", b"#!") in _USUAL_PYTHON  # a blank after #! has no effect
+    if not _PYTHON.fullmatch(line) or is_usual:
         return False
     script.write_bytes(b"#!/usr/bin/env python3\n" + code)
     return True

@@ -180,11 +180,11 @@ def _owners_of_configs(folder: Path, launch_file: str, starts_rviz: bool) -> Dic
     """
     owners: Dict[str, Path] = {}
     for path, text in texts_in(folder, {".launch"}, MAX_FILE):
+        if path.name == launch_file:
+            continue
         packages_of_nodes = set(_NODE.findall(text))
         # the folder of the package has the name of the package
         is_only_for_rviz = "rosbag" not in packages_of_nodes and folder.name not in packages_of_nodes
-        if path.name == launch_file:
-            continue
         if is_only_for_rviz and not starts_rviz:
             continue  # the student starts this launch file, too, to see RViz
         for name in re.findall(r"([\w.-]{1,200}\.rviz)\b", text):

@@ -323,17 +323,18 @@ def with_dependencies(names: Set[str], packages: Dict[str, Package]) -> Set[str]
 
     `packages` has the packages of the submission by name. Other dependencies, such as rospy, do not count.
     """
-    members, waiting = set(names), list(names)
+    members = set(names)
+    waiting = list(names)  # members whose dependencies must still be added
     while waiting:
         package = packages[waiting.pop()]
-        others = set(packages) - members
-        needs = package.needs & others
+        not_members = set(packages) - members
+        new_members = package.needs & not_members
         # package.xml may forget a package that a Python file imports. The Python files are read only if this
         # could add a package.
-        if others - needs:
-            needs |= package.imported & others
-        members |= needs
-        waiting += needs
+        if not_members - new_members:
+            new_members |= package.imported & not_members
+        members |= new_members
+        waiting += new_members
     return members
 
 
@@ -351,7 +352,7 @@ def _rank(package: Package, exercise: int) -> Tuple[Any, ...]:
         not starts_own_node,  # a package that starts its own node is a solution, and not a library
         in_archive,  # an archive next to a folder is probably an older copy of the folder, so it comes later
         -number_of_files,  # the copy with more files is more complete, so it comes first
-        len(package.place.parts),
+        len(package.place.parts),  # a shorter path comes first
         str(package.place),  # the path decides last, so that each run makes the same choice
     )
 

@@ -180,7 +180,8 @@ def _check_sandbox_works(workspace: Workspace, folder: Path) -> None:
     command = starter(folder / "check.jsonl", "describe", [])
     env = {**clean_environment(), "ROS_LOG_DIR": str(folder), "HOME": str(folder)}
     process = Process(command, folder / "check.log", env, folder, workspace)
-    if not wait_and_kill(process, START_DEADLINE) or process.popen.returncode:
+    has_ended = wait_and_kill(process, START_DEADLINE)
+    if not has_ended or process.popen.returncode != 0:
         output = process.output.strip()[-300:] or "it printed nothing"
         setups = ""
         if workspace.setups:
