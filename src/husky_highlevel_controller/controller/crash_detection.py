@@ -146,6 +146,17 @@ class _VelocityChanges(NamedTuple):
     # new value for the vibration of the ground, which is measured all the time, also without a collision.
     squared_swing: float
 
+    @property
+    def sideways_push(self) -> float:
+        """Return the velocity to one side that the robot gained within `window` and then kept [m/s].
+
+        If the robot gains 0.5 m/s to the left and keeps 0.3 m/s, the push is 0.3 m/s. If the push is to the
+        right, both values are negative, so their signs are changed.
+        """
+        push_to_left = min(self.pushed_left, self.left)
+        push_to_right = min(-self.pushed_left, -self.left)
+        return max(push_to_left, push_to_right)
+
 
 class CrashDetector:
     """Detector of crashes; give it wheel speeds and IMU samples as they come."""
@@ -156,7 +167,7 @@ class CrashDetector:
         self._wheel_speeds: Deque[Tuple[float, float]] = deque()  # stamp [s] and speed [m/s] of the wheels
         # IMU samples that wait for odometry, each with the orientation of the IMU in base_link
         self._waiting_samples: Deque[Tuple[ImuSample, Quaternion]] = deque()
-        # [s] stamp of the first IMU sample since the last odometry; inf if there is none
+        # [s] stamp of the first IMU sample after the newest odometry; inf until this sample comes
         self._odometry_silent_since = inf
         self.reset()
 
@@ -164,9 +175,8 @@ class CrashDetector:
         """Forget the judged samples, as after a jump of time; later samples are judged without them."""
         # unit vector upwards in the IMU's frame; None before the first sample
         self._vertical: Optional[Vector3] = None
-        # [s] Time constant of the filter of `_vertical`. It is the time since the first sample, up to
-        # LEVELLING_TIME, because then `_vertical` is at first the plain mean of all samples. `_judge_sample`
-        # increases it before each update of `_vertical`.
+        # [s] Time constant of the filter of `_vertical`. It grows with the time since the first sample, up to
+        # LEVELLING_TIME. While it grows, `_vertical` is the mean of all samples.
         self._levelling_time = 0.0
         self._last_stamp = -inf  # [s] stamp of the last judged sample
         self._period = 0.0  # [s] time between the last two stamps
@@ -187,29 +197,29 @@ class CrashDetector:
         Only the forward speed of the twist counts.
         """
         if not isfinite(twist_in_base.linear):
-            return
+            return  # a speed of NaN or infinity says nothing about the wheels
         if self._wheel_speeds and stamp == self._wheel_speeds[-1][0]:
             return  # the message has come twice
         if self._wheel_speeds and stamp < self._wheel_speeds[-1][0]:  # time goes back
             self._wheel_speeds.clear()
         self._wheel_speeds.append((stamp, twist_in_base.linear))
-        self._odometry_silent_since = inf  # no IMU sample has come since this odometry
+        self._odometry_silent_since = inf  # the next IMU sample sets this stamp
         self._drop_unneeded_speeds()
 
     def _drop_unneeded_speeds(self) -> None:
         """Drop the wheel speeds that are too old for all later samples, so that the memory stays small."""
         newest = self._wheel_speeds[-1][0]  # [s] stamp of the newest wheel speed
-        # [s] No later sample is older than this. Samples are judged in the order of their stamps, so a later
-        # sample is not older than the last judged sample. The limit `newest` makes sure that the newest wheel
-        # speed stays if the last judged sample is much newer.
+        # [s] Samples are judged in the order of their stamps, so no later sample is older than the last
+        # judged sample. If that sample is newer than `newest`, the newest wheel speed must still stay.
         oldest_sample = min(newest, self._last_stamp)
-        # a sample that is older than the odometry by more than LONGEST_DELAY is judged without wheel speeds
+        # samples that come later than LONGEST_DELAY after their odometry are judged without wheel speeds
         oldest_sample = max(oldest_sample, newest - LONGEST_DELAY)
         # [s] Time before a sample from which wheel speeds are needed. The change that is judged with the
         # sample ends LATENESS before the sample, and odometry may be shifted by `odometry_delay`.
         needed_age = LATENESS + AFTER + self._config.window + BEFORE + self._config.odometry_delay
-        oldest_needed = oldest_sample - max(needed_age, MEMORY)
-        while self._wheel_speeds[0][0] < oldest_needed:
+        # at least MEMORY is kept, so that a wheel speed before the oldest needed time is usually stored, too
+        oldest_kept = oldest_sample - max(needed_age, MEMORY)
+        while self._wheel_speeds[0][0] < oldest_kept:
             self._wheel_speeds.popleft()
 
     @property
@@ -249,32 +259,35 @@ class CrashDetector:
         while (
             loss is None
             and self._waiting_samples
-            and self._has_odometry(self._waiting_samples[0][0].stamp, sample.stamp)
+            and self._can_be_judged(self._waiting_samples[0][0].stamp, sample.stamp)
         ):
             loss = self._judge_sample(*self._waiting_samples.popleft())
         return loss
 
-    def _has_odometry(self, stamp: float, now: float) -> bool:
-        """Return whether a sample can be judged now: its odometry has come, or has been late for too long.
+    def _can_be_judged(self, stamp: float, now: float) -> bool:
+        """Return whether a waiting sample can be judged now, because it needs no later odometry.
+
+        All the odometry that the sample needs has come, or the sample has waited for too long. If odometry
+        has stopped, no sample waits.
 
         Args:
             stamp: stamp of the sample [s].
             now: stamp of the newest sample [s].
         """
-        # odometry has stopped, or the sample has waited for too long
-        if now - self._odometry_silent_since > PATIENCE or now - stamp > LONGEST_WAIT:
+        has_stopped = now - self._odometry_silent_since > PATIENCE
+        if has_stopped or now - stamp > LONGEST_WAIT:
             return True
         # up to three stamps of odometry, the newest first, and the periods between them
         newest_stamps = [odometry_stamp for odometry_stamp, _ in islice(reversed(self._wheel_speeds), 3)]
         if not newest_stamps:
-            return False
+            return False  # no odometry has come yet, so the sample waits for it
         periods = [after - before for after, before in zip(newest_stamps, newest_stamps[1:])]
         # a lost message makes a period too long, so the shorter period counts
         period = min(periods, default=0.0)
-        # The change of velocity that is judged with the sample ends at stamp - LATENESS. All odometry of this
-        # change has come if the next odometry, at newest_stamps[0] + period, is not before this end. The
-        # condition is: stamp - LATENESS <= newest_stamps[0] + period.
-        return stamp - newest_stamps[0] <= period + LATENESS
+        # The next odometry is expected `period` after the newest one. The sample does not need it if the
+        # judged change ends before. This change ends LATENESS before the sample.
+        newer_than_odometry = stamp - newest_stamps[0]
+        return newer_than_odometry <= period + LATENESS
 
     def _judge_sample(self, sample: ImuSample, imu_in_base: Quaternion) -> Optional[float]:
         """Add a sample to the stored ones; return the change of velocity [m/s] if there was a crash, or None.
@@ -293,7 +306,7 @@ class CrashDetector:
             return None
         self._last_stamp, self._period, self._samples_of_stamp = sample.stamp, duration, 1
         # the direction of gravity is not known well at first and must be corrected quickly, so the time
-        # constant begins small and grows to its final value
+        # constant begins with the duration of one sample and grows to its final value
         self._levelling_time = min(self._levelling_time + duration, LEVELLING_TIME)
         self._level_vertical(sample, duration, imu_in_base)
         self._increments.append(self._increment(sample, duration, imu_in_base))
@@ -320,32 +333,33 @@ class CrashDetector:
     def _level_vertical(self, sample: ImuSample, duration: float, imu_in_base: Quaternion) -> None:
         """Update `_vertical`, the direction upwards in the IMU's frame, by a sample.
 
-        The gyro turns it, and the accelerometer pulls it slowly towards the measured force, which points
-        upwards if the robot is at rest. Driving adds the accelerations of the wheels and of the curve, so
-        these are subtracted from the force. A force that still differs much from gravity is a shock, so the
-        difference counts only up to LEVELLING_FORCE. `duration` is the time since the last sample [s]. The
-        caller has already added it to `_levelling_time`, so `_levelling_time` is above 0.
+        First, the gyro turns the vertical. Then the accelerometer corrects it slowly, because without driving
+        the measured force points upwards. `duration` is the time since the last sample [s], which is above 0.
         """
         assert self._vertical is not None
-        # Seen from the IMU, the vertical turns against the gyro's rate w, by -(w x vertical) * duration.
-        # minus(a, b, factor) is a - factor * b. `unit` returns None for a vector without a direction, and
-        # then the vertical stays as it is.
+        # The IMU turns with the rate w, so the vertical in its frame turns by -(w x vertical) * duration.
+        # `unit` returns None for a vector without a direction; then the vertical stays as it is.
         turn_rate = cross(sample.angular_velocity, self._vertical)
         self._vertical = unit(minus(self._vertical, turn_rate, duration)) or self._vertical
-        # [m/s^2] force without the accelerations of driving; it is gravity only, if there is no shock
-        ahead, left = self._ground_axes(imu_in_base)
-        force = minus(sample.specific_force, ahead, self._wheel_acceleration(sample.stamp))
-        force = minus(force, left, self._curve_acceleration(sample))
-        # [m/s^2] difference from the force that the present vertical predicts
-        error = minus(force, self._vertical, GRAVITY)
+        # [m/s^2] difference from the force that gravity causes along the present vertical
+        error = minus(self._force_without_driving(sample, imu_in_base), self._vertical, GRAVITY)
+        # a large error is a shock, so the error counts only up to the size LEVELLING_FORCE
         error_size = max(sqrt(dot(error, error)), 1e-6)
-        # part of the error that counts; it shortens a larger error to the size LEVELLING_FORCE
         counted_part = min(LEVELLING_FORCE / error_size, 1.0)
         # A low-pass filter corrects the part duration / _levelling_time of the error. The error is divided by
         # GRAVITY, because the error is a force, but the vertical has the length 1.
         pull = counted_part * duration / (self._levelling_time * GRAVITY)
-        # `minus` with a negative factor adds the correction, so the vertical turns towards the force
+        # the negative factor adds the correction, so the vertical turns towards the force
         self._vertical = unit(minus(self._vertical, error, -pull)) or self._vertical
+
+    def _force_without_driving(self, sample: ImuSample, imu_in_base: Quaternion) -> Vector3:
+        """Return the measured force without the accelerations of the wheels and of the curve [m/s^2].
+
+        Without a shock, this force is only gravity.
+        """
+        ahead, left = self._ground_axes(imu_in_base)
+        force = minus(sample.specific_force, ahead, self._wheel_acceleration(sample.stamp))
+        return minus(force, left, self._curve_acceleration(sample))
 
     def _ground_axes(self, imu_in_base: Quaternion) -> Tuple[Vector3, Vector3]:
         """Return unit vectors ahead and to the left along the ground, in the IMU's frame."""
@@ -390,8 +404,7 @@ class CrashDetector:
         # A shock from below comes from the ground and is not a crash, so each force is limited.
         # A large force ahead is reduced by the size of the vertical force at the same time.
         force_ahead = _damped(dot(force, ahead), force_up)
-        # the limit to the left is higher, because the body rolls on its tyres; the limit is for the measured
-        # force, so the acceleration of the curve is subtracted afterwards
+        # the body rolls on its tyres, so a shock causes more force to the left, and the limit is higher
         force_left = _clamped(dot(force, left), SIDEWAYS_FACTOR * SHOCK_FORCE)
         force_left -= self._curve_acceleration(sample)
         force_up = _clamped(force_up, SHOCK_FORCE)
@@ -412,70 +425,73 @@ class CrashDetector:
         vibration, vibration_before = self._add_vibration(changes.squared_swing, end)
         # [s] from LEARNING_TIME on smooth ground to LEARNING_ROUGH on rough ground
         learning_time = LEARNING_TIME + _roughness(vibration) * (LEARNING_ROUGH - LEARNING_TIME)
-        # `_levelling_time` is the time since the first sample, as long as that is shorter than LEVELLING_TIME
-        if self._levelling_time < learning_time:
+        # [s] time since the first sample; it stops at LEVELLING_TIME, which is longer than any learning time
+        learned_for = self._levelling_time
+        if learned_for < learning_time:
             return None
-        # A push from the side counts only as far as the robot keeps the velocity that it gained. If the robot
-        # gains 0.5 m/s to the left and keeps 0.3 m/s, the push to the left is 0.3 m/s. A push to the right
-        # makes both values negative, so the signs are changed.
-        push_to_left = min(changes.pushed_left, changes.left)
-        push_to_right = min(-changes.pushed_left, -changes.left)
-        sideways = max(push_to_left, push_to_right)
         loss = self._unexplained_loss(changes.ahead, end)
-        self.change = Change(loss, sideways, vibration, vibration_before)
+        self.change = Change(loss, changes.sideways_push, vibration, vibration_before)
         is_crash = self.change.excess(self._config) > self._config.max_loss
         return hypot(changes.ahead, changes.left) if is_crash else None
 
     def _velocity_changes(self, end: float) -> _VelocityChanges:
         """Return the changes of velocity that end at a time [s], and drop the increments before them.
 
-        A change of velocity is a sum of the increments of the samples. Each change has its own limits of age,
-        or its own weights. The module's docstring shows the times BEFORE, `window` and AFTER.
+        Each change is a sum over the increments of the samples. The time up to `end` has three parts: first
+        BEFORE, then the `window` of a possible collision, and at last AFTER.
         """
         window = self._config.window
         longest = AFTER + window + BEFORE
         while self._increments and self._increments[0].stamp <= end - longest:
             self._increments.popleft()
+        # [s] Limits of the age of an increment, which is the time from the increment to `end`. Ages have
+        # rounding errors, so each limit is shifted by 1e-6 s. Then an increment exactly at a limit always
+        # counts on the same side.
+        collision_end, collision_begin = AFTER - 1e-6, AFTER + window - 1e-6
+        oldest_swing = window - 1e-6
         ahead = left = pushed_left = swung_left = swung_up = 0.0
-        # ages have rounding errors, so the limits of the ages are shifted by 1e-6 s; then an increment
-        # exactly at a limit always counts on the same side
         for stamp, ahead_by, left_by, up_by in self._increments:
             age = end - stamp
             if age < -1e-6:
-                break  # this increment and all later ones come after the end of the change
-            # a sum of weighted increments is the difference of the two mean velocities
+                break  # this increment and all later ones come after `end`
+            # the weighted sum is the mean velocity over AFTER, minus the mean velocity over BEFORE
             weight = self._weight(age)
             ahead += weight * ahead_by
             left += weight * left_by
-            # the last `window` seconds before the end, which show the vibration of the ground now
-            if age < window - 1e-6:
+            # velocity that a collision gives to the robot
+            if collision_end < age < collision_begin:
+                pushed_left += left_by
+            # velocity by the present vibration of the ground
+            if age < oldest_swing:
                 swung_left += left_by
                 swung_up += up_by
-            # the time `window` between BEFORE and AFTER, in which a collision pushes the robot
-            if AFTER - 1e-6 < age < AFTER + window - 1e-6:
-                pushed_left += left_by
         squared_swing = swung_left * swung_left + swung_up * swung_up
         return _VelocityChanges(ahead, left, pushed_left, squared_swing)
 
     def _add_vibration(self, squared_swing: float, end: float) -> Tuple[float, float]:
-        """Add a squared velocity [m^2/s^2], and return the vibration of the ground.
+        """Store a new value for the vibration of the ground, and return the vibration at two times.
 
-        The velocity is the one that the body gained sideways and upwards within the last `window` seconds.
+        The vibration is the root of the mean of all values of the last MEMORY seconds [m/s].
+
+        Args:
+            squared_swing: new value, as in `_VelocityChanges` [m^2/s^2].
+            end: time of the value [s].
 
         Returns:
-            The vibration of the ground until the time `end` [s], and the vibration until AFTER + `window`
-            before `end`. The second one is the vibration before a collision in the time `window`, so a
-            collision does not count as vibration. Both are the root of the mean of these squares over MEMORY
-            [m/s].
+            The vibration at the time `end`, and the vibration when the time `window` of the collision began,
+            because a collision shakes the robot, too.
         """
         self._squared_swings.append((end, squared_swing))
         while end - self._squared_swings[0][0] > MEMORY:
             self._squared_swings.popleft()
         vibration = sqrt(sum(each for _, each in self._squared_swings) / len(self._squared_swings))
         self._vibrations.append((end, vibration))
-        while self._vibrations[0][0] < end - AFTER - self._config.window:
+        # all vibrations before the collision are dropped, so the oldest one is of the time when it began
+        collision_begin = end - AFTER - self._config.window
+        while self._vibrations[0][0] < collision_begin:
             self._vibrations.popleft()
-        return vibration, self._vibrations[0][1]
+        _, vibration_before = self._vibrations[0]
+        return vibration, vibration_before
 
     def _weight(self, age: float) -> float:
         """Return the weight, 0 to 1, of a velocity increment in the change between the two mean velocities.
@@ -511,17 +527,19 @@ class CrashDetector:
         loss_forwards = min(wheel_changes) - change_ahead
         # backwards, all signs are the other way round
         loss_backwards = change_ahead - max(wheel_changes)
-        # the speed at the end of the time BEFORE gives the direction of travel
-        speed_before = self._speed_at(end - AFTER - self._config.window)
+        # the change ends with the time AFTER, and the collision is in the time `window` before AFTER
+        collision_begin = end - AFTER - self._config.window
+        speed_before = self._speed_at(collision_begin)  # the sign shows the direction of travel
         if speed_before is None or abs(speed_before) < STANDING_SPEED:
             return max(loss_forwards, loss_backwards)
         return loss_forwards if speed_before > 0.0 else loss_backwards
 
     def _possible_wheel_changes(self, end: float) -> List[float]:
-        """Return the changes that the wheels' speed may have had in the change that ended at `end` [m/s].
+        """Return possible changes of the wheels' mean speed from BEFORE to AFTER [m/s].
 
-        Odometry may be late or early by up to `odometry_delay`, so there is a change for each of five shifts
-        in time. One more is 0, because wheels that only become faster take no speed from the robot.
+        `end` is the end of the time AFTER [s]. Odometry may be late or early by up to `odometry_delay`, so a
+        change is computed for each of five shifts in time. The result also has the change 0. Otherwise, if
+        the wheels became faster and the robot did not, this would count as a loss of the robot's speed.
         """
         wheel_changes = [0.0]
         for shift in (-1.0, -0.5, 0.0, 0.5, 1.0):
