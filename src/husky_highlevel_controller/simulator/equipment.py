@@ -86,6 +86,7 @@ def equip(
         gps_steps = steps_per(config.gps_rate, rate, "gps_rate")
         sensors.append(Sensor(gps_steps, Gps(config.gps, gps_steps * dt), "gps", GPS_STREAM))
     if not real:
+        # Gazebo's robot has neither a magnetometer nor a battery
         return Equipment(Drive(drive_config), imu, sensors, points)
     _check_control_rate(real.base.control_rate, rate)
     sensors.append(Sensor(imu_steps, Magnetometer(), "mag", MAG_STREAM))

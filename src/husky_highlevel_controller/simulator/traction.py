@@ -134,7 +134,7 @@ def ground_forces(
         change = hypot(vx - last_vx, vy - last_vy, yaw_rate - last_yaw_rate)
         if change < SETTLED * config.slip_speed:
             break
-    # -k times the slip of each wheel, forwards and to the left
+    # -k times the slip of each wheel, forwards and to the left; grip to the side differs by `lateral_grip`
     return [
         (-k * (vx - yaw_rate * y - surface_speed), -k * config.lateral_grip * (vy + yaw_rate * x))
         for k, (x, y, _, surface_speed) in zip(ks, treads)
@@ -142,7 +142,7 @@ def ground_forces(
 
 
 def _treads(contacts: Sequence[WheelContact], mass: float, config: TractionConfig) -> List[_Tread]:
-    """Return x, y, largest friction force under its present load [N] and surface speed of each wheel."""
+    """Return x and y [m], largest friction force [N] and surface speed [m/s] of each wheel."""
     quarter_weight = mass * STANDARD_GRAVITY / 4.0  # [N] load of a wheel of a robot that stands on a level
     treads = []
     for x, y, load, surface_speed in contacts:

@@ -425,9 +425,8 @@ def _half_angles(to_middle: np.ndarray, radius: np.ndarray) -> np.ndarray:
         to_middle: distances from the laser to the middles of the circles (K,) [m].
         radius: radii of the circles (K,) [m].
     """
-    sine = np.minimum(
-        radius / to_middle, 1.0
-    )  # above 1 if the laser is inside, where `arcsin` would give nan
+    # if the laser is inside, the ratio is above 1, for which `arcsin` would give nan
+    sine = np.minimum(radius / to_middle, 1.0)
     return np.where(to_middle <= radius, pi, np.arcsin(sine)) + 1e-9
 
 
@@ -438,7 +437,8 @@ def _with_other_end(
 
     The bearings pi and -pi are the same direction. So a solid from 170 to 190 degrees has beams at the left
     end of the scan, up to 180 degrees, and also at the right end, from -180 degrees on. The solid is added
-    again, from -190 to -170 degrees.
+    again, from -190 to -170 degrees. In the same way, a solid from -190 to -170 degrees is added from 170 to
+    190 degrees.
 
     Args:
         solids: index of each solid (K,).
