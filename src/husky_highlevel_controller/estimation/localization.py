@@ -33,8 +33,8 @@ class Localization:
         """Make a filter without readings."""
         options = config.options
         self._frequency, self._predicts_to_now = options.frequency, options.predict_to_current_time
-        # [s] An estimate is predicted to its time if the last measurement is older than this. If the
-        # parameter `sensor_timeout` is not set, this is one period of the estimates.
+        # [s] If no measurement has come for this time, the estimates are predicted without measurements. If
+        # the parameter `sensor_timeout` is not set, this is one period of the estimates.
         self._sensor_timeout = 1.0 / options.frequency
         if options.sensor_timeout is not None:
             self._sensor_timeout = options.sensor_timeout
@@ -73,9 +73,9 @@ class Localization:
             name: name of the sensor, such as odom0.
             reading: its reading.
             mounting: pose of the sensor, and pose of the frame in which it gives its poses.
-            silent: names of the sensors from which the caller has received nothing for a long wall time. The
-                filter gives up such a sensor, and no longer waits for it, if its last reading is older than
-                the newest reading of all sensors by more than PATIENCE. None stands for all sensors.
+            silent: names of the sensors from which the caller has received nothing for a long wall time; if
+                None, the names of all sensors. The filter gives up such a sensor, and no longer waits for it,
+                if its last reading is older than the newest reading of all sensors by more than PATIENCE.
 
         Raises:
             ReadingError: the reading is not later than the one before, or a used number is not finite.
@@ -91,41 +91,49 @@ class Localization:
         # a reading that is older than the pose of `set_pose` is ignored
         if reading.stamp > self._pose_set_at:
             heapq.heappush(self._waiting_readings, (reading.stamp, name, reading, mounting))
-        # readings are processed in the order of their stamps, up to the last stamp of the slowest sensor for
-        # which the filter still waits
+        # no reading up to this time can come any more, so all waiting readings up to this time are processed
         horizon = self._horizon(self._sensors if silent is None else silent)
         due_estimates = []
         while self._waiting_readings and self._waiting_readings[0][0] <= horizon:
-            # the oldest reading that waits, which may be of another sensor than the new reading
-            stamp, sensor, oldest_reading, its_mounting = heapq.heappop(self._waiting_readings)
-            # Estimates for the time before this reading; none if the filter has not started. An estimate for
-            # the same time as the reading comes later, because it must use the reading.
-            due_estimates += self._estimates(stamp - SAME_TIME)
+            due_estimates += self._process_oldest()
+        # the last estimates up to `horizon`, and the one for the time `horizon` itself
+        return due_estimates + self._estimates(horizon + SAME_TIME)
+
+    def _process_oldest(self) -> List[MotionEstimate]:
+        """Process the oldest reading that waits, and return the estimates for the time before this reading.
+
+        Before the filter has started, there are no estimates.
+        """
+        stamp, name, reading, mounting = heapq.heappop(self._waiting_readings)
+        # an estimate for the time of the reading itself comes later, because it must use the reading
+        estimates = self._estimates(stamp - SAME_TIME)
+        if not self._ekf.started:
             # the first measurement starts the filter, so the first estimate is for the first full period that
             # is not before this reading
-            if not self._ekf.started:
-                self._next_period = ceil((stamp - SAME_TIME) * self._frequency)
-            yaw_rate = float(self._ekf.estimate.state[YAW_RATE])
-            for measurement in self._sensors[sensor].measurements(oldest_reading, its_mounting, yaw_rate):
-                self._ekf.process(measurement)
-        # all readings up to `horizon` are processed, so an estimate for the time `horizon` is due, too
-        return due_estimates + self._estimates(horizon + SAME_TIME)
+            self._next_period = ceil((stamp - SAME_TIME) * self._frequency)
+        yaw_rate = float(self._ekf.estimate.state[YAW_RATE])
+        for measurement in self._sensors[name].measurements(reading, mounting, yaw_rate):
+            self._ekf.process(measurement)
+        return estimates
 
     def _horizon(self, silent: Collection[str]) -> float:
         """Return the time up to which all readings have come from the sensors that are not given up [s].
 
         The filter does not wait for sensors that are given up. The sensors in `silent` have sent nothing for
         some wall time. Such a sensor is given up if its last reading is older than the newest reading of all
-        sensors by more than PATIENCE. For a sensor without a reading, the first reading of all counts.
+        sensors by more than PATIENCE.
         """
         oldest_allowed = max(self._last_stamps.values()) - PATIENCE
-        last_stamps = []
+        awaited_stamps = []
         for name in self._sensors:
+            # a sensor without a reading has been silent since the first reading of any sensor
             silent_since = self._last_stamps.get(name, self._first_stamp)
-            is_given_up = name in silent and silent_since < oldest_allowed
-            if not is_given_up:
-                last_stamps.append(self._last_stamps.get(name, -inf))
-        return min(last_stamps)
+            if name in silent and silent_since < oldest_allowed:
+                continue  # the sensor is given up
+            # while the filter waits for the first reading of a sensor, nothing may be processed
+            awaited_stamps.append(self._last_stamps.get(name, -inf))
+        # the sensor with the newest reading is never given up, so there is at least one stamp
+        return min(awaited_stamps)
 
     def _estimates(self, end: float) -> List[MotionEstimate]:
         """Return the estimates after the last one and before `end` [s]; none before the filter starts.

@@ -70,6 +70,7 @@ class MotionSensor:
             used[[0, 1, 2, 6, 7, 8]] = False  # an IMU measures no position and no velocity
         else:
             used[12:] = False  # odometry measures no acceleration
+        # masks of the used values along and about x, y, z: pose (6,), velocity (6,), acceleration (3,)
         self._pose_used, self._velocity_used, self._force_used = used[:6], used[6:12], used[12:]
         # with the parameter `relative`, all poses are measured from this first pose
         self._first_pose: Optional[Pose] = None
@@ -133,25 +134,16 @@ class MotionSensor:
         return [part for part in parts if part is not None and part.states]
 
     def _pose(self, reading: Reading, mounting: Mounting) -> Optional[Measurement]:
-        """Return the measured pose of base_link, or None if the pose is not used.
+        """Return the measured pose of base_link, or the velocity by two poses; None if the pose is not used.
 
-        With the parameter `differential`, the result is the velocity since the last reading, and None for the
-        first reading. Otherwise, with the parameter `relative`, the pose is relative to the pose of the first
-        reading. IMUs and odometry have these parameters. The last or the first pose is stored for this.
+        With the parameter `differential`, the result is the velocity since the last reading, or None for the
+        first reading. With the parameter `relative`, the pose is measured from the pose of the first reading.
+        So this method stores the last pose or the first pose. IMUs and odometry may have these parameters.
         """
         if reading.pose is None or not self._pose_used.any():
             return None
-        # The axes of the result may be turned against the axes of the reading. `turn` is this rotation, by
-        # which the covariance and the mask of the used values are turned.
-        if self._is_imu:
-            # the measured attitude of the sensor is changed to the attitude of base_link
-            pose, turn = _level_attitude(reading.pose, mounting.sensor_in_base)
-        elif self._config.differential:
-            # the result is a velocity along base_link's axes, so nothing is turned
-            pose, turn = reading.pose, Pose().quat_xyzw
-        else:
-            # the pose is given in a frame of its own, and is changed to a pose in odom at the end
-            pose, turn = reading.pose, mounting.pose_frame_in_odom.quat_xyzw
+        pose, turn = self._pose_and_turn(reading.pose, mounting)
+        # the used values and the covariance are along the axes of the reading, so they are turned
         axes = matrix_from_quat(turn)
         used, covariance = _turned(axes, self._pose_used), _turned_covariance(axes, reading.pose_covariance)
         if self._config.differential:
@@ -159,9 +151,22 @@ class MotionSensor:
         if self._config.relative:
             self._first_pose = self._first_pose or pose
             pose = compose(inverse(self._first_pose), pose)
-        if not self._is_imu:  # the attitude of an IMU needs no other frame
+        # odometry gives its pose in a frame of its own; an IMU gives only an attitude, which needs no frame
+        if not self._is_imu:
             pose = compose(mounting.pose_frame_in_odom, pose)
         return _planar(reading.stamp, (X, Y, YAW), used, _numbers(pose), covariance)
+
+    def _pose_and_turn(self, measured_pose: Pose, mounting: Mounting) -> Tuple[Pose, Quaternion]:
+        """Return the measured pose of base_link, and the rotation from the reading's axes to the final axes.
+
+        The final axes are those of the measurement that `_pose` returns. The returned pose of odometry is
+        still in the frame in which odometry gives its poses.
+        """
+        if self._is_imu:
+            return _level_attitude(measured_pose, mounting.sensor_in_base)
+        if self._config.differential:
+            return measured_pose, Pose().quat_xyzw  # a velocity is along base_link's axes already
+        return measured_pose, mounting.pose_frame_in_odom.quat_xyzw
 
     def _velocity_since_last(
         self, stamp: float, pose: Pose, used: np.ndarray, covariance: np.ndarray
@@ -208,8 +213,8 @@ class MotionSensor:
     def _acceleration(self, reading: Reading, sensor_in_base: Pose, yaw_rate: float) -> Optional[Measurement]:
         """Return the acceleration of base_link by a reading; None if it is not measured or not used.
 
-        Gravity is removed, and the centripetal acceleration of a sensor that is not at base_link's origin.
-        `yaw_rate` is the yaw rate of the robot [rad/s].
+        The result is without gravity. It is also without the acceleration that a sensor beside base_link's
+        origin has because the robot turns. `yaw_rate` is the yaw rate of the robot [rad/s].
         """
         if reading.specific_force is None or not self._force_used.any():
             return None
@@ -220,7 +225,8 @@ class MotionSensor:
             # subtracted. Without a measured attitude, the robot is taken to be level.
             attitude = reading.pose.quat_xyzw if reading.pose else sensor_in_base.quat_xyzw
             force = force - rotate(quat_inverse(attitude), (0.0, 0.0, self._gravity))
-        # a robot that turns accelerates a sensor at (x, y) by -(x, y) * yaw_rate^2, which is subtracted
+        # the turning of the robot gives a sensor at (x, y) the acceleration -(x, y) * yaw_rate^2, which is
+        # subtracted
         values = (axes @ force)[:2] + np.array(sensor_in_base.position[:2]) * yaw_rate**2
         covariance = (axes @ reading.force_covariance @ axes.T)[:2, :2]
         # axes of base_link (0 for x, 1 for y) along which a used axis of the sensor measures
@@ -242,8 +248,8 @@ def _numbers(pose: Pose) -> np.ndarray:
 def _level_attitude(attitude: Pose, sensor_in_base: Pose) -> Tuple[Pose, Quaternion]:
     """Return the attitude of base_link from that of an IMU, and the yaw of the mounting as a quaternion.
 
-    As in robot_localization, the three angles of the mounting are subtracted one by one. Then the vector
-    (roll, pitch) is turned by the yaw of the mounting.
+    As in robot_localization, roll, pitch and yaw of the mounting are subtracted from those of the IMU. Then
+    the vector (roll, pitch) is turned by the yaw of the mounting.
     """
     offsets = rpy_from_quat(sensor_in_base.quat_xyzw)
     angles = [wrap_angle(a - b) for a, b in zip(rpy_from_quat(attitude.quat_xyzw), offsets)]
@@ -255,15 +261,14 @@ def _level_attitude(attitude: Pose, sensor_in_base: Pose) -> Tuple[Pose, Quatern
 def _turned(axes: np.ndarray, used: np.ndarray) -> np.ndarray:
     """Return the mask of used values along rotated axes, (6,) bool.
 
-    The value of a rotated axis counts as used unless all used axes of the sensor are perpendicular to the
-    rotated axis.
+    The value of a rotated axis counts as used if a used axis of the sensor is not perpendicular to it.
 
     Args:
         axes: rotation matrix; each row is a rotated axis, as a unit vector along the sensor's axes (3, 3).
         used: mask of the used values along the sensor's axes, three linear and three angular (6,).
     """
-    # The product with the mask sets the components along unused axes to 0. If almost nothing is left of a
-    # rotated axis, all used axes are perpendicular to it.
+    # The product with the mask sets the components along unused axes to 0. The rest of a rotated axis is
+    # almost 0 if all used axes are perpendicular to the rotated axis.
     linear = np.linalg.norm(axes * used[:3], axis=1) >= MIN_COMPONENT
     angular = np.linalg.norm(axes * used[3:], axis=1) >= MIN_COMPONENT
     return np.concatenate((linear, angular))
