@@ -276,7 +276,12 @@ def _mapping(
 ) -> Dict[str, Any]:
     """Return a mapping whose values have the type `kind`; ConfigError if one does not fit.
 
-    The arguments are those of `_value`.
+    Args:
+        kind: type of each value.
+        value: the mapping.
+        name: path of the mapping, for messages.
+        metadata: limits of the field, which count for each value.
+        from_parameters: true for parameters; false for a YAML or JSON file.
     """
     if value is None and not from_parameters:
         value = {}  # a YAML key with nothing after it has the value None; it counts as an empty mapping
@@ -292,18 +297,17 @@ def _items(kinds: Any, value: Any, name: str, metadata: Mapping[str, Any], from_
     """Return the entries of a list as a tuple; ConfigError if one is wrong, or their number is wrong.
 
     Args:
-        kinds: type of each entry.
+        kinds: a type for each entry. For Tuple[X, ...] and Sequence[X], the caller repeats X for each entry,
+            so the list may have any number of entries.
         value: the list.
         name: path of the list, for messages.
-        metadata: limits of the field, which count for each entry.
-        from_parameters: as for `_value`.
+        metadata: limits of the field, which count for each entry; "length" is the number of entries.
+        from_parameters: true for parameters; false for a YAML or JSON file.
     """
     entries = _checked_list(value, name, metadata)
-    # The types of a tuple such as Tuple[int, int] say how many entries there must be. For Tuple[X, ...] and
-    # Sequence[X], the caller gives as many `kinds` as there are entries. Then only the "length" of the field,
-    # if it has one, limits the number of entries.
     length = metadata.get("length", len(kinds))
-    if len(entries) != length or len(entries) != len(kinds):
+    has_type_for_each = len(entries) == len(kinds)
+    if len(entries) != length or not has_type_for_each:
         raise ConfigError(f"{name} has {len(entries)} entries, not {length}{_help_text(metadata)}")
     values = []
     for index, (kind, entry) in enumerate(zip(kinds, entries)):
@@ -331,7 +335,12 @@ def _array(value: Any, name: str, shape: Any) -> np.ndarray:
 def _plain_value(kind: Any, value: Any, name: str, metadata: Mapping[str, Any], from_parameters: bool) -> Any:
     """Return a number, text or truth value as its type; ConfigError if it does not fit.
 
-    The arguments are those of `_value`.
+    Args:
+        kind: type of the field.
+        value: the number, text or truth value.
+        name: path of the value, for messages.
+        metadata: limits of the field, such as `min`, `max` and `choices`.
+        from_parameters: true for parameters; false for a YAML or JSON file.
     """
     help_text = _help_text(metadata)
     if kind is Any:

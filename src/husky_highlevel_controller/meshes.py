@@ -39,8 +39,8 @@ def simplified(mesh: TriangleMesh, most: int) -> TriangleMesh:
     cell = max(mesh.size) / _CELLS  # [m] edge of a cell
     coarse = mesh
     while len(coarse.faces) > most:
-        # `cells` has one row for each cell that contains a corner, in multiples of the edge. For each corner,
-        # `rows` has the number of the row in `cells` that has the corner's cell.
+        # `cells` has a row for each cell that contains a corner: x, y and z of the cell as multiples of its
+        # edge. For each corner, `rows` has the row of its cell.
         cells, rows = np.unique(np.round(mesh.vertices / cell), axis=0, return_inverse=True)
         coarse = _without_flat(cells * cell, rows.reshape(-1)[mesh.faces], mesh.source)
         cell *= _COARSER

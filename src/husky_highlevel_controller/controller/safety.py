@@ -56,7 +56,7 @@ def too_close(
     """Decide whether the robot must brake now to keep its margin to everything that it moves towards.
 
     The robot's footprint is moved along its path to standstill, first at the present velocity, then braking.
-    Every return of the scan, at any bearing, that it would come too close to on that path counts.
+    A return of the scan counts if the footprint comes too close to it on this path. It may be on any side.
 
     Args:
         scan: one sweep. Returns inside the robot's footprint are the robot itself.
