@@ -248,6 +248,19 @@ class WebNode:
         offered = dict(published)  # message type of each published topic
         if f"{self._config.simulator}/paused" not in offered:
             self._is_paused = None  # the simulator has ended, so it is not paused any more
+        self._listen_to_numbers_and_cloud(offered)
+        self._depth_box.visible = self._topics.names["cloud"] in offered
+        self._tuning.follow(published)
+        self._world_name = str(parameter(f"{self._config.simulator}/world_name", ""))
+        self._server.gui.set_panel_label(title(self._scene.robot_name, self._world_name))
+        self._follow_description()
+
+    def _listen_to_numbers_and_cloud(self, offered: Dict[str, str]) -> None:
+        """Subscribe to the published topics of numbers, and to the cloud while it is shown.
+
+        If a topic is no longer published or shown, this function unsubscribes from it. `offered` has the name
+        and the message type of each published topic.
+        """
         # if a simulator publishes true poses, they are shown instead of the odometry
         has_truth = self._topics.names["truth"] in offered
         self._topics.listen("truth", Odometry, is_wanted=has_truth)
@@ -256,15 +269,11 @@ class WebNode:
             self._topics.listen(use, kind, is_wanted=self._topics.names[use] in offered)
         # a cloud is large, so it is only subscribed to while its layer is shown
         self._topics.listen("cloud", PointCloud2, is_wanted=self._scene.layers["depth"])
-        self._depth_box.visible = self._topics.names["cloud"] in offered
-        self._tuning.follow(published)
-        self._world_name = str(parameter(f"{self._config.simulator}/world_name", ""))
-        self._server.gui.set_panel_label(title(self._scene.robot_name, self._world_name))
-        self._follow_description()
 
     def _follow_description(self) -> None:
         """Draw the robot again if its description on the parameter server has changed."""
-        # the master searches for the parameter in the namespaces of this node, from the innermost to the root
+        # The master searches for the parameter in the namespaces of this node, from the innermost to the
+        # root. If no namespace has it, `full_name` is the relative name, which gives an empty description.
         full_name = self._ask("searchParam", "robot_description") or "robot_description"
         description = str(parameter(full_name, ""))  # URDF
         if description and description != self._description:
