@@ -63,7 +63,7 @@ def add_pieces(scene: viser.SceneApi, parent: str, pieces: Sequence[Piece], pose
 def redraw(nodes: Sequence[Any], pieces: Sequence[Piece]) -> bool:
     """Change the nodes of `add_pieces` to other pieces; return False if that is not possible.
 
-    A change costs a tenth of a new drawing, here and in the browser.
+    A change takes a tenth of the time of new nodes, in this program and in the browser.
     """
     if len(nodes) != len(pieces) or not all(map(_is_alike, nodes, pieces)):
         return False
@@ -137,7 +137,8 @@ def dashes(start: Vector3, end: Vector3) -> np.ndarray:
     """Return the dashes (N, 2, 3) of a line [m]; a dash stays in place if only the end of the line moves."""
     line = np.array(end) - np.array(start)
     length = float(np.linalg.norm(line))
-    # dashes and gaps take turns, and each of them is DASH long; the last one on the line may be a dash
+    # dashes and gaps take turns, and each of them is DASH long; a dash comes first, so at least half of them
+    # are dashes
     dashes_and_gaps = int(min(length, LONGEST_DASHED) / DASH)
     count = (dashes_and_gaps + 1) // 2
     # [m] distances from `start` to both ends of each dash: 0 and 1 times DASH, 2 and 3 times DASH ...

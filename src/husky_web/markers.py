@@ -85,10 +85,11 @@ _UNIT_SHAPES = {Marker.CUBE: shapes.cube, Marker.SPHERE: shapes.sphere, Marker.C
 
 
 def appearance(marker: Marker) -> Tuple[Any, ...]:
-    """Return all that `primitives` depends on, with the scale in whole millimetres.
+    """Return the values of a marker from which `primitives` makes its shapes, for a comparison.
 
-    A marker whose appearance has not changed is not drawn again. The scale is rounded, because the controller
-    measures the width of its pillar's cylinder, so the width changes a little with each scan.
+    A marker whose appearance has not changed is not drawn again. The scale is rounded to whole millimetres,
+    because the controller measures the width of its pillar's cylinder, so the width changes a little with
+    each scan.
     """
     scale, color = marker.scale, marker.color
     return (
@@ -114,7 +115,10 @@ def points_of(marker: Marker) -> np.ndarray:
 
 
 def markers_of(msg: Any) -> Sequence[Marker]:
-    """Return the markers of a Marker, a MarkerArray or a Path; a path is a line, or deletes it if empty."""
+    """Return the markers of a Marker, a MarkerArray or a Path.
+
+    A path becomes a marker with a line. An empty path becomes a marker that deletes this line.
+    """
     if isinstance(msg, Marker):
         return [msg]
     if not isinstance(msg, Path):
@@ -142,7 +146,7 @@ def pose_of(marker: Marker) -> Optional[Pose]:
 
 
 def cost(marker: Marker) -> int:
-    """Return the cost of drawing a marker, in points of a cloud."""
+    """Return the cost of drawing a marker; a cost of 1 is the time to draw one point of a cloud."""
     if marker.type in (Marker.CUBE_LIST, Marker.SPHERE_LIST):
         copies = min(len(marker.points), MAX_COPIES)
         return max(COPY_COST * copies, _least_cost_of_colors(marker))

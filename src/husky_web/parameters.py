@@ -50,7 +50,11 @@ class Parameter(NamedTuple):
 
     @property
     def label(self) -> str:
-        """Return the name, the unit if the help text ends with one, and the default if no slider marks it."""
+        """Return the text beside the field: the parameter's name, its unit, and its default.
+
+        The unit is left out if the help text does not end with a unit. The default is left out if the field
+        is a slider, because a slider marks its default.
+        """
         label = self.name
         unit = re.search(r"\[[^\]]+\]\s*$", self.help)  # such as [m/s]
         if unit:

@@ -201,9 +201,9 @@ def _mark_lines(axes: _Axes, marks: Sequence[Mark]) -> List[str]:
 
 
 def nice_ticks(low: float, high: float) -> List[float]:
-    """Return three to six round numbers, from `low` or less to `high` or more.
+    """Return three to six round numbers with equal steps, whose range includes `low` and `high`.
 
-    The first number may be above `low`, and the last one below `high`, by SLACK of a step.
+    `low` and `high` may be outside of the range by up to SLACK times the step.
     """
     least_step = (high - low) / 3.0  # a smaller step would need too many numbers
     power = 10.0 ** floor(log10(least_step))

@@ -59,8 +59,8 @@ def rigid_groups(description: str) -> Tuple[str, Dict[str, List[Visual]]]:
 def _fixed_to(link: str, links: Elements, joint_above: Elements) -> Tuple[str, Pose]:
     """Return the frame with which a link moves, and the pose of the link in this frame.
 
-    The frame is the link itself, or the nearest link above it that no fixed joint holds. `joint_above` has
-    the joint between each link and its parent link.
+    The frame is the first link on the way from this link up to the root that has no fixed joint to its parent
+    link. `joint_above` has the joint between each link and its parent link.
     """
     pose = IDENTITY
     # the loop has at most one round for each joint of the robot, so it also ends if the joints form a circle
