@@ -262,6 +262,7 @@ def _prepare_choice(
     """
     packages, choice_notes = choice
     override = job.override  # the teacher's settings for this student
+    exercise = override.exercise or 0  # `prepare_hand_in` has set the number, so 0 never occurs
     notes = [*contents.notes, *choice_notes]
     if not packages:
         raise NotMarkableError("; ".join(["the submission has no catkin package", *notes]))
@@ -284,14 +285,11 @@ def _prepare_choice(
     launchable = _launchable_of(launch, override)
     # paths of the chosen launch file and of all that fit as well; empty if no other launch file fits as well
     equal_places: Tuple[str, ...] = ()
-    if launch is None:
-        can_start = is_built(f"{launchable.package}/{launchable.name}", folders)
-    else:
-        can_start = _is_any_built(launch, folders)
+    if launch:
         if not override.launch:  # `grade` and not the teacher has chosen the launch file
-            launch_notes, equal_places = _explain_choice(launch, candidates, override, facts)
+            launch_notes, equal_places = _explain_choice(launch, candidates, exercise, facts)
             notes += launch_notes
-        if add_rviz_files(contents, override.exercise or 0, folders.packages[launch.package]):
+        if add_rviz_files(contents, exercise, folders.packages[launch.package]):
             notes.append("RViz's configuration was found outside of the packages")
     # the submission is started with its built packages and the copies of public packages
     packages_seen = (*built.workspace.packages, *public_folders.packages.values())
@@ -304,11 +302,8 @@ def _prepare_choice(
         planned = plan(launchable, workspace, Path(job.out, "plan"), facts.robot_packages)
     # roslaunch may have found the package at another path, but the student's files are in this copy
     planned = replace(planned, package_path=folders.packages.get(launchable.package))
-    # Errors of the build are a problem only if no node of the launchable was built. If there are no errors,
-    # but still no node, then the node does not exist, and `prepare` adds this problem.
-    build_errors = tuple(note for note in built.notes if note.kind is Kind.BUILD)
     submission = Submission(
-        launchable, workspace, folders.root, problem=() if can_start else build_errors,
+        launchable, workspace, folders.root, problem=_problem_of_build(launchable, launch, built, folders),
         notes=(*(Note(Kind.HAND_IN, text) for text in notes), *built.notes),
         own=tuple(package.name for package in packages), equals=equal_places,
     )  # fmt: skip
@@ -316,7 +311,7 @@ def _prepare_choice(
 
 
 def _explain_choice(
-    launch: LaunchFile, candidates: Sequence[LaunchFile], override: Override, facts: Facts
+    launch: LaunchFile, candidates: Sequence[LaunchFile], exercise: int, facts: Facts
 ) -> Tuple[List[str], Tuple[str, ...]]:
     """Return notes for the student on why a launch file was chosen, and the paths of equally good ones.
 
@@ -324,7 +319,6 @@ def _explain_choice(
     those of the chosen launch file and of the others. If no other launch file fits as well, there are no
     paths.
     """
-    exercise = override.exercise or 0  # `prepare_hand_in` has set the number, so 0 never occurs
     notes = [reasons(launch, candidates, exercise)]
     other_places = equal_launch_files(launch, candidates, exercise, facts)
     if not other_places:
@@ -332,6 +326,27 @@ def _explain_choice(
     lines = ", ".join(f"`launch: {place}`" for place in other_places)
     notes.append(f"other launch files fit as well; to grade one of them, write into marking.yaml: {lines}")
     return notes, (str(launch.place), *other_places)
+
+
+def _problem_of_build(
+    launchable: Launchable, launch: Optional[LaunchFile], built: Build, folders: Folders
+) -> Tuple[Note, ...]:
+    """Return the errors of the build if no node can be started because of them; empty if a node is built.
+
+    If a node is built, errors in other parts of the build do not matter. If no node is built although the
+    build has no errors, the node does not exist, and `prepare` adds this problem.
+
+    Args:
+        launchable: launch file or node that is started.
+        launch: the launch file; None for a node.
+        built: outcome of the build.
+        folders: workspace of the submission.
+    """
+    if launch:
+        is_node_built = _is_any_built(launch, folders)
+    else:
+        is_node_built = is_built(f"{launchable.package}/{launchable.name}", folders)
+    return () if is_node_built else tuple(note for note in built.notes if note.kind is Kind.BUILD)
 
 
 def _candidates(
