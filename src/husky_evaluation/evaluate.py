@@ -258,7 +258,7 @@ def evaluate(
     half_length, _ = robot_data.footprint.hull  # [m] x of the front of the body in base_link
     # [m] distance from the lidar to a pillar that touches the front of the robot
     range_at_touch = half_length - robot_data.lidar_mount.x
-    # this run is only reported if the lidar of this robot can see a pillar that touches the robot
+    # `touching_run` is reported only if the lidar of this robot can see a pillar that touches the robot
     if range_at_touch > lidar.range_min:
         figures["Course start, stop_distance 0"] = touch_figures(touching_run)
     figures[f"{starts} random starts, 2-25 m away, default gains"] = start_figures(runs)

@@ -31,8 +31,8 @@ Answer = Tuple[str, List[Any]]
 # number of a group, and the group's answer or the error that it caused
 Answers = Generator[Tuple[int, Union[Answer, BaseException]], None, None]
 SET_PARENT_DEATH_SIGNAL = 1  # option of prctl(2): the system sends this process a signal when its parent ends
-# if a group was in the pool at this number of deaths of a process, the group is not tried again, and its
-# answer is an error
+# if a process has died this number of times while a group was in the pool, the group is not tried again, and
+# its answer is an error
 MAX_DEATHS = 3
 
 
@@ -57,7 +57,7 @@ def run_here(
         starts_programs: the task starts other programs, so threads that wait for these are enough.
     """
     waiting = deque(range(len(groups)))  # numbers of the groups that are still to be sent
-    # number of deaths of a process while the group was in the pool; the key is the number of the group
+    # number of times that a process has died while the group was in the pool; the key is the group's number
     deaths: CounterType[int] = Counter()
     while waiting:
         pool: Executor  # threads or processes
@@ -103,9 +103,10 @@ def _answers_of_pool(
         max_running: largest number of groups in the pool: two for each process, so that a process can begin
             the second group as soon as it has ended the first one.
         waiting: numbers of the groups to send; a group that is sent is removed.
-        running: gets the groups that are sent, and loses those that are answered, so that the caller knows
-            the lost groups if the pool breaks.
-        deaths: number of deaths of a process while the group was in the pool, by the number of the group.
+        running: number of the group of each future. Groups that are sent are added, and groups that are
+            answered are removed, so that the caller knows the lost groups if the pool breaks.
+        deaths: number of times that a process has died while the group was in the pool; the key is the number
+            of the group.
 
     Raises:
         BrokenProcessPool: a process has died.
