@@ -163,12 +163,18 @@ class MarkerWatch:
                 self._shorten(marker)
                 lifetime = marker.lifetime.to_sec()
                 sample = MarkerSample(
-                    topic, marker.ns, marker.id, now, marker.header.stamp.to_sec(),
-                    # the position in the world is not known yet
-                    marker.header.frame_id.lstrip("/"), (nan, nan, nan),
-                    until=now + lifetime if lifetime > 0.0 else inf, action=ACTIONS[marker.action],
-                    problem=problem, finite=_is_finite(marker),
-                )  # fmt: skip
+                    topic=topic,
+                    namespace=marker.ns,
+                    id=marker.id,
+                    at=now,
+                    stamp=marker.header.stamp.to_sec(),
+                    frame=marker.header.frame_id.lstrip("/"),
+                    position=(nan, nan, nan),  # `samples` sets it after the run
+                    until=now + lifetime if lifetime > 0.0 else inf,  # a lifetime of 0 never ends
+                    action=ACTIONS[marker.action],
+                    problem=problem,
+                    finite=_is_finite(marker),
+                )
                 self._samples.append((sample, marker))
 
     def _problem_of(self, marker: Marker) -> str:
@@ -195,12 +201,13 @@ class MarkerWatch:
         if self._closed or len(self._samples) >= MAX_SAMPLES:
             return False
         # latest time at which markers were kept, and how many were kept at this time
-        at, count = self._moments.get(key, (-inf, 0))
-        if now > at:  # this marker would be the first one of a new time
-            if now - at < PERIOD * max(1.0, count / CROWD):
+        kept_at, count = self._moments.get(key, (-inf, 0))
+        if now > kept_at:  # no marker of the time `now` was kept so far
+            pause = PERIOD * max(1.0, count / CROWD)  # [s]
+            if now - kept_at < pause:
                 return False
-            at, count = now, 0
-        self._moments[key] = at, count + 1
+            kept_at, count = now, 0
+        self._moments[key] = kept_at, count + 1
         return True
 
     def _finds_mesh(self, mesh: str) -> bool:
@@ -210,7 +217,7 @@ class MarkerWatch:
         of packages count, so a submission cannot learn which other files this machine has.
         """
         scheme, _, place = mesh.partition("://")
-        if scheme == "file":
+        if scheme == "file":  # `place` is an absolute path, which must be in the submission's packages
             return any(_is_file_of(Path(folder), place) for folder in self._packages)
         if scheme != "package":
             return False
