@@ -225,7 +225,7 @@ def reads_in(log: str, sources: Path) -> List[Read]:
     for report in re.split(r"^==\d+== *$", log, flags=re.MULTILINE):
         text = re.sub(r"^==\d+== *", "", report, flags=re.MULTILINE).strip()
         reading_stack, _, creation_stack = text.partition("Uninitialised value was created")
-        origin = _first_own_line(creation_stack, own_files)
+        origin = _first_own_line(creation_stack, own_files)  # line that allocates the memory
         if reading_stack.startswith(("Conditional jump", "Use of uninitialised value")):
             place = _first_own_line(reading_stack, own_files)
             # without a place, the value is only printed, or the submission does not read it
@@ -238,9 +238,10 @@ def reads_in(log: str, sources: Path) -> List[Read]:
 
 
 def _first_own_line(stack: str, own_files: Collection[str]) -> Optional[Place]:
-    """Return the innermost line of a call stack that is in `own_files`; None if it has none, or only prints.
+    """Return the innermost own line of a call stack; None if there is none, or the value is only printed.
 
-    Only the DEPTH innermost calls count. `own_files` are the names of the submission's source files.
+    Own lines are those in `own_files`, the names of the submission's source files. Only the DEPTH innermost
+    calls count.
     """
     # the calls come from the innermost to the outermost; the line before the first call is a title
     for line in stack.splitlines()[: DEPTH + 1]:

@@ -166,7 +166,7 @@ def _enter_ipc_namespace(processes: Sequence[psutil.Process]) -> bool:
 
     Returns:
         Whether the thread is in the IPC namespace of a sandbox, now or since an earlier call. False if
-            none of the processes is in a sandbox.
+        none of the processes is in a sandbox.
     """
     our_namespace = os.readlink("/proc/self/ns/ipc")  # IPC namespace of this program
     if os.readlink("/proc/thread-self/ns/ipc") != our_namespace:
@@ -174,7 +174,7 @@ def _enter_ipc_namespace(processes: Sequence[psutil.Process]) -> bool:
     for process in processes:
         namespace = f"/proc/{process.pid}/ns/ipc"
         with contextlib.suppress(OSError):  # an OSError means that the process has ended
-            if os.readlink(namespace) != our_namespace:
+            if os.readlink(namespace) != our_namespace:  # this process is in the sandbox
                 with open(namespace) as file:
                     ctypes.CDLL(None).setns(file.fileno(), CLONE_NEWIPC)
                 # `setns` raises no error if it fails, so this checks whether the thread has entered

@@ -39,7 +39,7 @@ def enter_network() -> None:
         return
     command, variables = inside([sys.executable, *sys.argv])
     os.environ.update(variables)
-    if variables[VARIABLE]:
+    if variables[VARIABLE]:  # empty if this machine allows no network of its own
         os.execv(command[0], command)  # the new program replaces this one
 
 

@@ -185,9 +185,11 @@ def _secrets(folder: str) -> List[Path]:
         with contextlib.suppress(OSError), os.scandir(waiting.pop()) as entries:
             for entry in entries:
                 mode = entry.stat(follow_symlinks=False).st_mode
-                # rights of every user; a folder also needs the right to enter it
-                readable = stat.S_IROTH | (stat.S_IXOTH if stat.S_ISDIR(mode) else 0)
-                if not stat.S_ISLNK(mode) and mode & readable != readable:
+                if stat.S_ISLNK(mode):  # a link is open to everyone, but the rights of its target count
+                    continue
+                # rights that every user needs; a folder also needs the right to enter it
+                needed = stat.S_IROTH | (stat.S_IXOTH if stat.S_ISDIR(mode) else 0)
+                if mode & needed != needed:
                     secrets.append(Path(entry.path))
                 elif stat.S_ISDIR(mode):
                     waiting.append(entry.path)

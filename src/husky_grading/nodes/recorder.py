@@ -202,8 +202,8 @@ class DriveRecorder:
     def _state(self) -> DriveState:
         """Return the present state of the run for the exercise's watch."""
         return DriveState(
-            self._now,
-            self._truth[-1].speed if self._truth else 0.0,
+            now=self._now,
+            speed=self._truth[-1].speed if self._truth else 0.0,
             subscribed=self._subscribed,
             listens=self._listens,
             advertises=self._advertises,
@@ -389,6 +389,7 @@ class DriveRecorder:
         after `_join`, so the topics and their publishers are known.
         """
         subscribers = (*self._subscribers, *self._markers.subscribers)
+        # each subscriber must have a connection to every node that publishes on its topic
         is_connected = all(
             each.get_num_connections() >= len(self._publishers.get(each.resolved_name, ()))
             for each in subscribers

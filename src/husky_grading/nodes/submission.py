@@ -433,6 +433,7 @@ def run_in_valgrind(nodes: List[Any], folder: str) -> None:
     valgrind = f"valgrind --track-origins=yes --num-callers=20 --log-file={shlex.quote(log)}"
     for node in nodes:
         paths = roslib.packages.find_node(node.package, node.type)
+        # if there is no such program, an empty file is read in its place; roslaunch reports the program later
         with open(paths[0] if paths else os.devnull, "rb") as file:
             if file.read(4) == b"\x7fELF":  # compiled programs begin with these bytes, but scripts do not
                 node.launch_prefix = valgrind
