@@ -60,8 +60,7 @@ def shape_of_geometry(holder: Node) -> Optional[Shape]:
         return _SHAPES[node.tag](node)
     if node.tag != "empty":
         node.note(f"<{node.tag}> is not supported and is left out")
-        # This count is for the warning that the lidar sees nothing. The lidar would not see a <visual>, but a
-        # <visual> is counted, too. The warning only asks whether the count is 0, so it need not be exact.
+        # counted for the warning that the lidar sees nothing
         node.load.missed_by_lidar += 1
     return None
 

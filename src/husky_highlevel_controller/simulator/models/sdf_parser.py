@@ -57,7 +57,9 @@ class Load:
     meshes: MeshFiles = field(default_factory=MeshFiles)
     # number of models in the world, also of models that are left out; ground planes do not count
     model_count: int = 0
-    # number of shapes and models that are left out, although the lidar would see them
+    # number of shapes and models that are left out, although the lidar would see them. A <visual> counts,
+    # too, although the lidar would not see it. The number need not be exact, because it is only compared
+    # with 0.
     missed_by_lidar: int = 0
     include_count: int = 0  # number of included models so far; a model that is included twice counts twice
 
