@@ -118,7 +118,7 @@ def _judge_together(recording: Recording, markers: Sequence[MarkerSample], rules
     if len(invisible) == len(added):
         evidence = f"{title}: not visible: {invisible[0].problem}"
         return Placement(0.0, evidence, invisible[0].at, fault_of_invisible(invisible[0]))
-    # score of each marker; the key is `id()`, because several markers may be equal
+    # score of each marker; the key is Python's `id(marker)`, because several markers may be equal
     scores = {id(marker): score_of(recording, marker, rules) for marker in added}
     moments = _score_moments(markers, scores)
     if not moments:  # RViz draws no marker at any moment
@@ -126,17 +126,22 @@ def _judge_together(recording: Recording, markers: Sequence[MarkerSample], rules
     # moments with the pillar to the side of the robot, and moments with the pillar ahead
     groups = _by_direction(recording, moments, rules)
     score = _score_over_time(groups)
+    percent_right = 100.0 * _time_fraction(moments, at_least=1.0)  # the sentence calls a score of 1 "right"
     distances = [distance_to_pillar(recording, marker) for marker in added if not marker.problem]
-    # in the sentence, "right" means a score of 1, and "near enough for points" means a score above 0
-    evidence = f"{title}: right {100.0 * _time_fraction(moments, at_least=1.0):.0f} % of the time"
+    evidence = f"{title}: right {percent_right:.0f} % of the time"
     evidence += f", {np.median(distances):.2f} m from the pillar's axis (median)"
     wrong = [marker for marker in added if scores[id(marker)] < 1.0]
     if not wrong:
         return Placement(score, evidence, first.at)
-    if len(groups) > 1:  # the fractions of both groups explain the score
-        parts = [f"{100.0 * _time_fraction(group):.0f} % {direction}" for direction, group in groups.items()]
+    if len(groups) > 1:
+        # `_score_over_time` computes the score from these two fractions of time, so they explain the score
+        parts = []
+        for direction, group in groups.items():
+            percent_with_points = 100.0 * _time_fraction(group)
+            parts.append(f"{percent_with_points:.0f} % {direction}")
         evidence += f"; near enough for points: {', '.join(parts)}"
-    return _with_fault(recording, added, wrong, Placement(score, evidence, wrong[0].at), rules)
+    placement = _with_fault(recording, added, wrong, Placement(score, evidence, wrong[0].at), rules)
+    return _with_number_drawn(placement, added, wrong)
 
 
 def _with_fault(
@@ -148,6 +153,8 @@ def _with_fault(
 ) -> Placement:
     """Return a placement with the fault that most wrong markers have, and with the first wrong marker.
 
+    If the fault is a wrong sign of y, the score is at most MOST_IF_MIRRORED.
+
     Args:
         recording: recording of the run.
         added: all markers that are judged together.
@@ -158,9 +165,9 @@ def _with_fault(
     score, evidence = placement.score, placement.evidence
     fault = find_fault(recording, wrong, len(wrong) / len(added), rules)
     if fault is Kind.MIRRORED:
-        # While the pillar is straight ahead, mirrored markers are near it and get points. But their y always
-        # has the wrong sign, so the score is limited. Only markers that are drawn while the pillar is to the
-        # side prove the wrong sign, so at least FEW of them are needed.
+        # While the pillar is straight ahead, mirrored markers are near the pillar and get points. But their y
+        # always has the wrong sign, so the score is limited. Only markers that are drawn while the pillar is
+        # to the side prove the wrong sign, so at least FEW such markers are needed.
         if len(off_axis(recording, wrong, rules)) >= FEW:
             score = min(score, MOST_IF_MIRRORED)
         upside_down = load_robot(recording.robot).lidar_mount.upside_down
@@ -169,19 +176,32 @@ def _with_fault(
     elif fault in FAULTS:  # a fault that is not in FAULTS adds no sentence
         evidence = f"{FAULTS[fault]}; {evidence}"
     evidence += f"; at {wrong[0].at:.2f} s {fault_text(recording, wrong[0])}"
-    # RViz may draw several markers at a moment, because a marker replaces an older marker only if topic,
-    # namespace and id are the same
-    number_drawn = len({(marker.topic, marker.namespace, marker.id) for marker in added})
-    if number_drawn > 1:
-        # Half of the markers that RViz draws at a moment must be right (MOST). If half of the markers that
-        # came are right, points are lost only because RViz still draws older ones.
-        are_most_right = len(wrong) <= (1.0 - MOST) * len(added)
-        if fault is None and are_most_right:
-            fault = Kind.OLD_ONES
-        evidence += (
-            f"; {number_drawn} markers in {_holder_of(added)}, and half of the drawn ones must be right"
-        )
     return Placement(score, evidence, placement.at, fault)
+
+
+def _with_number_drawn(
+    placement: Placement, added: Sequence[MarkerSample], wrong: Sequence[MarkerSample]
+) -> Placement:
+    """Return a placement that also says how many markers RViz draws at the same time, if there are several.
+
+    A marker replaces an older marker only if topic, namespace and id are the same. Otherwise RViz draws both.
+    The score of a moment then needs the fraction MOST, which is half, of the drawn markers.
+
+    Args:
+        placement: placement with the fault of the wrong markers.
+        added: all markers that are judged together.
+        wrong: markers among them with a score below 1.
+    """
+    number_drawn = len({(marker.topic, marker.namespace, marker.id) for marker in added})
+    if number_drawn == 1:
+        return placement
+    fault = placement.fault
+    # if half of the markers that came are right, points are lost only because RViz still draws older markers
+    number_right = len(added) - len(wrong)
+    if fault is None and number_right >= MOST * len(added):
+        fault = Kind.OLD_ONES
+    text = f"{number_drawn} markers in {_holder_of(added)}, and half of the drawn ones must be right"
+    return replace(placement, evidence=f"{placement.evidence}; {text}", fault=fault)
 
 
 def _holder_of(markers: Sequence[MarkerSample]) -> str:
@@ -200,19 +220,17 @@ def _score_moments(markers: Sequence[MarkerSample], scores: Mapping[int, float])
 
     Args:
         markers: additions and deletions in the order of time.
-        scores: score of each added marker, by its `id()`.
+        scores: score of each added marker, by Python's `id(marker)`.
     """
-    # begin [s], end [s] and score of each marker that RViz draws, (N,) each, the lowest score first
+    # (N,) each, the marker with the lowest score first
     begins, ends, sorted_scores = _drawing_times(markers, scores)
     times, moment_scores = [], []
     for at in np.unique(begins):
         is_drawn = (begins <= at) & (at < ends)
-        drawn_scores = sorted_scores[is_drawn]
-        if len(drawn_scores):
-            # the scores are sorted, so the last `count` of them are the highest
-            count = ceil(MOST * len(drawn_scores))
+        # no marker is drawn if the marker that came at this time was deleted at the same time
+        if is_drawn.any():
             times.append(float(at))
-            moment_scores.append(float(drawn_scores[-count]))
+            moment_scores.append(_score_of_most(sorted_scores[is_drawn]))
     # [s] a moment counts until the next one, but at most MAX_DURATION, so the last marker before a pause does
     # not count for the whole pause
     durations = np.minimum(np.diff(times), MAX_DURATION).tolist()
@@ -221,16 +239,31 @@ def _score_moments(markers: Sequence[MarkerSample], scores: Mapping[int, float])
     return list(map(Moment, times, durations, moment_scores))
 
 
-def _drawing_times(markers: Sequence[MarkerSample], scores: Mapping[int, float]) -> np.ndarray:
-    """Return when RViz begins and ends to draw each added marker [s], and the marker's score, (3, N).
+def _score_of_most(sorted_scores: np.ndarray) -> float:
+    """Return the highest score that at least the fraction MOST of the drawn markers have, or exceed.
 
-    The markers with the lowest score come first. A marker is drawn until its lifetime ends, or until it is
+    With the scores 0, 0.2, 0.7 and 1, this is 0.7, because half of the markers have 0.7 or more.
+
+    Args:
+        sorted_scores: (K,) scores of the markers that are drawn at a moment, the lowest first, at least one.
+    """
+    count = ceil(MOST * len(sorted_scores))
+    best_scores = sorted_scores[-count:]
+    return float(best_scores[0])
+
+
+def _drawing_times(
+    markers: Sequence[MarkerSample], scores: Mapping[int, float]
+) -> Tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return begin [s] and end [s] of the drawing of each added marker, and the marker's score; (N,) each.
+
+    The marker with the lowest score comes first. RViz draws a marker until its lifetime ends, or until it is
     deleted or replaced by a marker of the same topic, namespace and id. A marker with a `problem` counts as
-    drawn, too, with the score 0.
+    drawn, too, but its score is 0.
 
     Args:
         markers: additions and deletions in the order of time.
-        scores: score of each added marker, by its `id()`.
+        scores: score of each added marker, by Python's `id(marker)`.
     """
     rows: List[List[float]] = []  # begin [s], end [s] and score of each added marker
     # rows of the markers that RViz draws at this point of the loop; keys are the topic, then (namespace, id)
@@ -246,7 +279,9 @@ def _drawing_times(markers: Sequence[MarkerSample], scores: Mapping[int, float])
         if marker.action == ADD:
             drawn[key] = [marker.at, marker.until, scores[id(marker)]]
             rows.append(drawn[key])
-    return np.array(sorted(rows, key=lambda row: row[2])).T
+    rows.sort(key=lambda row: row[2])  # the lowest score first
+    begins, ends, sorted_scores = np.array(rows).T
+    return begins, ends, sorted_scores
 
 
 def _by_direction(recording: Recording, moments: Sequence[Moment], rules: Rules) -> Dict[str, List[Moment]]:
@@ -271,7 +306,7 @@ def _by_direction(recording: Recording, moments: Sequence[Moment], rules: Rules)
 
 
 def _time_fraction(moments: Sequence[Moment], at_least: float = 0.0) -> float:
-    """Return the fraction of the moments' time in which the score is above 0, and is `at_least` this high."""
+    """Return the fraction of the moments' time in which the score is `at_least` or more, and is not 0."""
     right = [each for each in moments if each.score > 0.0 and each.score >= at_least]
     return _seconds(right) / _seconds(moments)
 
@@ -284,29 +319,37 @@ def _seconds(moments: Sequence[Moment]) -> float:
 def _score_over_time(groups: Mapping[str, Sequence[Moment]]) -> float:
     """Return the mean score of the moments with a score above 0, times a factor for their fraction of time.
 
-    The factor is 0 up to the fraction NEVER of the time, and 1 from ALWAYS on. If there are two groups, the
-    time with the pillar ahead counts as half of the time at most, because a wrong sign of y does not show
-    then. A single group has the whole weight, also if it has the pillar ahead.
+    The factor is 0 up to the fraction NEVER of the time, and 1 from ALWAYS on.
 
     Args:
-        groups: result of `_by_direction`, so the moments with the pillar to the side come first.
+        groups: result of `_by_direction`.
     """
     scoring = [moment for group in groups.values() for moment in group if moment.score > 0.0]
     if not scoring:
         return 0.0
     mean_score = sum(each.seconds * each.score for each in scoring) / _seconds(scoring)
+    factor = (_scoring_fraction(groups) - NEVER) / (ALWAYS - NEVER)
+    return mean_score * min(max(factor, 0.0), 1.0)
+
+
+def _scoring_fraction(groups: Mapping[str, Sequence[Moment]]) -> float:
+    """Return the fraction of time in which the score is above 0; time with the pillar ahead may count less.
+
+    If there are two groups, the time with the pillar ahead counts as half of the time at most, because a
+    wrong sign of y does not show then. A single group has the whole weight, also if it has the pillar ahead.
+
+    Args:
+        groups: result of `_by_direction`, so the moments with the pillar to the side come first.
+    """
     if len(groups) == 1:
         (moments,) = groups.values()
-        scoring_fraction = _time_fraction(moments)
-    else:
-        aside, ahead = groups.values()
-        seconds_aside, seconds_ahead = _seconds(aside), _seconds(ahead)
-        weight_ahead = min(seconds_ahead / (seconds_aside + seconds_ahead), 0.5)
-        # weighted mean of the two groups' fractions
-        fraction_aside, fraction_ahead = _time_fraction(aside), _time_fraction(ahead)
-        scoring_fraction = fraction_aside + weight_ahead * (fraction_ahead - fraction_aside)
-    factor = (scoring_fraction - NEVER) / (ALWAYS - NEVER)
-    return mean_score * min(max(factor, 0.0), 1.0)
+        return _time_fraction(moments)
+    aside, ahead = groups.values()
+    seconds_aside, seconds_ahead = _seconds(aside), _seconds(ahead)
+    weight_ahead = min(seconds_ahead / (seconds_aside + seconds_ahead), 0.5)
+    fraction_aside, fraction_ahead = _time_fraction(aside), _time_fraction(ahead)
+    # weighted mean: (1 - weight_ahead) * fraction_aside + weight_ahead * fraction_ahead
+    return fraction_aside + weight_ahead * (fraction_ahead - fraction_aside)
 
 
 def score_of(recording: Recording, marker: MarkerSample, rules: Rules) -> float:
