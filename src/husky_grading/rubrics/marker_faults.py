@@ -62,7 +62,7 @@ class Seen(NamedTuple):
     y: float  # [m] y of the marker in base_link, positive to the left of the robot
     pillar_distance: float  # [m] distance from base_link to the pillar's axis
     pillar_bearing: float  # [rad] direction of the pillar in base_link, 0 ahead, positive to the left
-    slack: float  # [m] tolerance of `is_near`
+    tolerance: float  # [m] the marker counts as being at a position up to this distance from it
 
     @property
     def pillar_x(self) -> float:
@@ -75,8 +75,22 @@ class Seen(NamedTuple):
         return self.pillar_distance * sin(self.pillar_bearing)
 
     def is_near(self, x: float, y: float) -> bool:
-        """Return whether the marker is at a position [m]."""
-        return hypot(self.x - x, self.y - y) <= self.slack
+        """Return whether the marker is at a position in base_link [m], up to its tolerance."""
+        return hypot(self.x - x, self.y - y) <= self.tolerance
+
+    def is_mirrored(self) -> bool:
+        """Return whether the marker's y has the wrong sign, so the marker is on the robot's other side."""
+        return self.is_near(self.pillar_x, -self.pillar_y)
+
+    def is_swapped(self) -> bool:
+        """Return whether the marker has the pillar's x as y, and the pillar's y as x.
+
+        If the lidar is upside down, its y axis points to the right. In the lidar's frame, the pillar is then
+        at (x, -y), and a swapped marker at (-y, x). In base_link, this marker is at (-y, -x).
+        """
+        is_swapped_in_base = self.is_near(self.pillar_y, self.pillar_x)
+        is_swapped_upside_down = self.is_near(-self.pillar_y, -self.pillar_x)
+        return is_swapped_in_base or is_swapped_upside_down
 
 
 def fault_of_invisible(marker: MarkerSample) -> Kind:
@@ -107,23 +121,29 @@ def find_fault(
     lidar_x = load_robot(recording.robot).lidar_mount.x  # [m] x of the lidar in base_link
     if _are_mostly_true([_is_at_origin(recording, marker, lidar_x) for marker in drawn]):
         # true if most of these markers came after a scan in which no beam measured a range
-        is_blind = _are_mostly_true([_smallest_range(recording, marker) == np.inf for marker in drawn])
-        # if all markers are wrong, the fault does not come from scans without a return
-        return Kind.NO_RETURN if is_blind and wrong_share < 1.0 else Kind.AT_ORIGIN
+        came_without_range = _are_mostly_true(
+            [_smallest_range(recording, marker) == np.inf for marker in drawn]
+        )
+        # if all markers are wrong, the submission never sets the position, so the scans are not the reason
+        never_sets_position = wrong_share == 1.0
+        return Kind.NO_RETURN if came_without_range and not never_sets_position else Kind.AT_ORIGIN
     fault = _find_direction_fault(recording, wrong, wrong_share, rules)
     if fault:
         return fault
     if _are_mostly_true([_leaves_out_lidar_mount(recording, marker, lidar_x, rules) for marker in drawn]):
         return Kind.IN_BASE_LINK
-    # a wrong marker that is at the pillar, seen from above, can only be wrong because of its height
-    height = recording.pillar_size.height
-    # [m] smallest possible tolerance, which holds for a robot at the pillar
-    tolerance = rules.marker_full + slack_of(recording, robot_distance=0.0, rules=rules)
-    has_wrong_height = [
-        distance_to_pillar(recording, each) <= tolerance and height_score(each, height) < 1.0
-        for each in drawn
-    ]
-    return Kind.WRONG_HEIGHT if _are_mostly_true(has_wrong_height) else None
+    if _are_mostly_true([_has_only_wrong_height(recording, marker, rules) for marker in drawn]):
+        return Kind.WRONG_HEIGHT
+    return None
+
+
+def _has_only_wrong_height(recording: Recording, marker: MarkerSample, rules: Rules) -> bool:
+    """Return whether a marker is at the pillar, seen from above, but above the pillar or below the ground."""
+    # [m] distance from the axis for all points while the robot is at the pillar; a robot farther away is
+    # allowed a larger distance, so a marker within this distance is right from everywhere
+    always_right = rules.marker_full + slack_of(recording, robot_distance=0.0, rules=rules)
+    is_at_pillar = distance_to_pillar(recording, marker) <= always_right
+    return is_at_pillar and height_score(marker, recording.pillar_size.height) < 1.0
 
 
 def _find_direction_fault(
@@ -138,34 +158,21 @@ def _find_direction_fault(
     if not seen_markers:
         return None
     frame = wrong[0].frame  # the first marker stands for all, because few submissions use several frames
-    # Every frame except odom counts as a frame that turns with the robot. The student's coordinates in such a
-    # frame differ from x and y of `Seen` only by `origin_x`, and by y's sign if the lidar is upside down. So
-    # `Seen` shows whether the student's y is 0, or both coordinates are whole metres.
-    turns_with_robot = frame != "odom"
-    # [m] x of the origin of the marker's frame in base_link; every frame except base_link counts as the
-    # lidar's frame
-    origin_x = 0.0 if frame == "base_link" else load_robot(recording.robot).lidar_mount.x
     # test of each fault on one marker; the result is the first fault that is found on most of the markers
-    tests: Dict[Kind, Callable[[Seen], bool]] = {
-        Kind.Y_IS_ZERO: lambda seen: (
-            turns_with_robot and abs(seen.y) <= COORDINATE_TOLERANCE and seen.x > 0.0
-        ),
-        # the student's coordinates are in the marker's frame, so x is converted from base_link to this frame
-        Kind.WHOLE_METRES: lambda seen: (
-            turns_with_robot and _is_whole(seen.x - origin_x) and _is_whole(seen.y)
-        ),
-        Kind.MIRRORED: lambda seen: seen.is_near(seen.pillar_x, -seen.pillar_y),
-        # The pillar is at (x, y) in base_link, and the first position is (y, x). The second position is for
-        # an upside-down lidar, in whose frame each y has the other sign. In this frame, the pillar is at
-        # (x, -y), and the swapped marker at (-y, x). Seen from base_link, that is (-y, -x).
-        Kind.SWAPPED: lambda seen: (
-            seen.is_near(seen.pillar_y, seen.pillar_x) or seen.is_near(-seen.pillar_y, -seen.pillar_x)
-        ),
-        # if less than half of the markers are wrong, the beam is right, and the wrong markers only come late
-        Kind.OTHER_BEAM: lambda seen: (
-            wrong_share >= 0.5 and _is_on_another_beam(seen, recording.pillar_size.radius)
-        ),
-    }
+    tests: Dict[Kind, Callable[[Seen], bool]] = {}
+    if frame != "odom":  # any other frame counts as base_link or as the lidar's frame
+        # These two faults are in the student's own coordinates, which are in the marker's frame. They differ
+        # from the coordinates in base_link only by `frame_x` and, for an upside-down lidar, by the sign of y.
+        # In odom, all coordinates differ, so these faults cannot be seen.
+        # [m] x of the frame's origin in base_link
+        frame_x = 0.0 if frame == "base_link" else load_robot(recording.robot).lidar_mount.x
+        tests[Kind.Y_IS_ZERO] = lambda seen: abs(seen.y) <= COORDINATE_TOLERANCE and seen.x > 0.0
+        tests[Kind.WHOLE_METRES] = lambda seen: _is_whole(seen.x - frame_x) and _is_whole(seen.y)
+    tests[Kind.MIRRORED] = Seen.is_mirrored
+    tests[Kind.SWAPPED] = Seen.is_swapped
+    # if less than half of the markers are wrong, the beam is right, and the wrong markers only come late
+    if wrong_share >= 0.5:
+        tests[Kind.OTHER_BEAM] = lambda seen: _is_on_another_beam(seen, recording.pillar_size.radius)
     for kind, test in tests.items():
         if _are_mostly_true([test(seen) for seen in seen_markers]):
             return kind
@@ -179,17 +186,20 @@ def off_axis(recording: Recording, wrong: Sequence[MarkerSample], rules: Rules) 
     """
     seen_markers = []
     for marker in wrong:
-        # A marker with a `problem` is not drawn, so it has no position. Whether the pillar is off the axis is
-        # tested at the time at which the marker came, as for the score of the marker.
-        if not marker.problem and is_off_axis(recording, marker.at, rules):
-            at = _time_of_position(marker)  # [s] the marker's coordinates are from this time
-            pillar_distance, pillar_bearing = pillar_from_robot(recording, at)
-            # [m] distance from the pillar at which the rubric still gives a marker half of the points
-            half_distance = rules.marker_half + slack_of(recording, pillar_distance, rules)
-            # [m] a mirrored or swapped marker gets more tolerance than the rubric gives
-            slack = half_distance + IMAGE_SLOPE * pillar_distance
-            x, y = _from_robot(recording, marker.position, at)
-            seen_markers.append(Seen(x, y, pillar_distance, pillar_bearing, slack))
+        if marker.problem:  # RViz does not draw this marker, so it has no position
+            continue
+        # the score of a marker is for the time at which the marker came, so this test is for the same time
+        if not is_off_axis(recording, marker.at, rules):
+            continue
+        # [s] the student has computed the position for this time, so marker and pillar are compared then
+        position_time = _time_of_position(marker)
+        x, y = _from_robot(recording, marker.position, position_time)
+        pillar_distance, pillar_bearing = pillar_from_robot(recording, position_time)
+        # [m] distance from the pillar at which the rubric still gives a marker half of the points
+        half_points_distance = rules.marker_half + slack_of(recording, pillar_distance, rules)
+        # [m] a mirrored or swapped marker is recognised up to a larger distance than the rubric allows
+        tolerance = half_points_distance + IMAGE_SLOPE * pillar_distance
+        seen_markers.append(Seen(x, y, pillar_distance, pillar_bearing, tolerance))
     return seen_markers
 
 
@@ -205,14 +215,14 @@ def _is_on_another_beam(seen: Seen, radius: float) -> bool:
     """Return whether a wrong marker is as far away as the pillar, but in another direction.
 
     Args:
-        seen: marker that is known to be wrong. If its distance is exact, its direction must be wrong.
+        seen: marker that is known to be wrong.
         radius: radius of the pillar [m].
     """
     distance = hypot(seen.x, seen.y)
     distance_error = max(abs(distance - seen.pillar_distance) - radius, 0.0)
     # [m] distance of the marker from the line between the robot and the pillar
     across = abs(seen.y * cos(seen.pillar_bearing) - seen.x * sin(seen.pillar_bearing))
-    # the distance is right, and the direction is clearly more wrong than the distance
+    # the distance is right, and the error in the direction is more than twice the error in the distance
     return distance_error <= POSITION_TOLERANCE and across > 2.0 * distance_error
 
 
