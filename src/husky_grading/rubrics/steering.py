@@ -61,28 +61,32 @@ def _explain_turns(recording: Recording, speeds: np.ndarray, turns: np.ndarray) 
         speeds: (M,) [m/s] speeds while the robot moves.
         turns: (M,) [rad/s] rates of turn at the same moments, positive to the left.
     """
+    # (N,) [m] each, way from the robot to the pillar, in the world
     dx, dy = (np.array(recording.pillar) - recording.poses[:, :2]).T
-    # (M,) [rad] direction of the pillar seen from the robot, positive to the left
-    bearings = (np.arctan2(dy, dx) - recording.poses[:, 2])[recording.moving]
+    # (N,) [rad] direction of the pillar seen from the robot, positive to the left
+    all_bearings = np.arctan2(dy, dx) - recording.poses[:, 2]
+    bearings = all_bearings[recording.moving]  # (M,) [rad] direction at the moments of `speeds` and `turns`
     # The sine is positive while the pillar is to the left. It needs no angle between -pi and pi.
     sines = np.sin(bearings)
+    # only moments with the pillar to the side can show whether a turn leads towards the pillar
     is_aside = np.abs(sines) > ASIDE
-    # for each moment with the pillar to the side, true if the robot turns towards the pillar
-    turns_to_pillar = np.sign(sines[is_aside]) == np.sign(turns[is_aside])
+    turns_aside = turns[is_aside]  # (K,) [rad/s]
+    is_to_pillar = np.sign(turns_aside) == np.sign(sines[is_aside])  # (K,) true for turns towards the pillar
     # If the pillar is never to the side, this fraction is 0. So a robot that drives straight away from the
     # pillar gets the hint on a wrong sign.
-    fraction_to_pillar = float(np.mean(turns_to_pillar)) if len(turns_to_pillar) else 0.0
+    fraction_to_pillar = float(np.mean(is_to_pillar)) if len(is_to_pillar) else 0.0
     if fraction_to_pillar > MOSTLY:
         speed = float(np.median(np.abs(speeds[is_aside])))
         hint = f"it turns towards the pillar, but too slowly for {speed:.1f} m/s: a larger gain, or slower "
         return Explanation(ending="", hint=f"{hint}while the angle is large")
-    if fraction_to_pillar <= 1.0 - MOSTLY:  # the sign of angular.z is wrong
-        # only fast turns prove that the robot turned away, and did not drive straight on
-        fast_turns_to_pillar = turns_to_pillar[np.abs(turns[is_aside]) > TURNS_ON]
-        turns_away = len(fast_turns_to_pillar) > 0 and float(np.mean(fast_turns_to_pillar)) <= 1.0 - MOSTLY
-        return Explanation(ending="", hint=TURNS, is_seen_to_turn_away=turns_away)
-    # the robot turns sometimes towards the pillar and sometimes away from it
-    return Explanation(_say_one_way(turns), hint=SWERVES)
+    if fraction_to_pillar > 1.0 - MOSTLY:
+        # the robot turns sometimes towards the pillar and sometimes away from it
+        return Explanation(_say_one_way(turns), hint=SWERVES)
+    # The sign of angular.z is probably wrong. But a robot that drives nearly straight on has only slow turns,
+    # and only fast turns prove that the robot has turned away.
+    fast_is_to_pillar = is_to_pillar[np.abs(turns_aside) > TURNS_ON]
+    turns_away = len(fast_is_to_pillar) > 0 and float(np.mean(fast_is_to_pillar)) <= 1.0 - MOSTLY
+    return Explanation(ending="", hint=TURNS, is_seen_to_turn_away=turns_away)
 
 
 def _say_one_way(turns: np.ndarray) -> str:
