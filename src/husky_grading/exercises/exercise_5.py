@@ -93,12 +93,12 @@ class CallPlan:
     The first value that stops the robot is sent once more.
     """
 
-    made: int = 0  # number of calls so far, without the repeated one
+    values_sent: int = 0  # number of the values CALLS that were sent so far; a repeated value counts once
     has_repeated: bool = False  # true if a value was sent once more
-    drove_before: bool = False  # true if the robot drove when the last call was made
+    drove_at_last_call: bool = False  # true if the robot drove when the last call was made
     # [s] simulated time of the last answer; inf while an answer is awaited, -inf before the first call
     answered_at: float = -inf
-    drove_at: float = inf  # [s] simulated time at which the robot first drove; inf if it has not driven
+    first_drove_at: float = inf  # [s] simulated time at which the robot first drove; inf if it has not driven
 
     def due(self, now: float, speed: float) -> Optional[bool]:
         """Return the value to send now [s], and count this call as made; None if no call is due.
@@ -107,23 +107,23 @@ class CallPlan:
         """
         drives, stands = abs(speed) > DRIVES, abs(speed) <= STANDING_SPEED
         if drives:
-            self.drove_at = min(self.drove_at, now)
-        first_call_at = min(self.drove_at + FIRST_CALL, LATEST_FIRST_CALL)  # [s]
+            self.first_drove_at = min(self.first_drove_at, now)
+        first_call_at = min(self.first_drove_at + FIRST_CALL, LATEST_FIRST_CALL)  # [s]
         # The effect of a call is measured until EFFECT_END after its answer, so the next call comes only
         # then. While an answer is awaited, `answered_at` is inf, so no call is due.
         if now < max(first_call_at, self.answered_at + EFFECT_END):
             return None
-        # the last call has stopped the robot for the first time, so its value is sent again
-        is_repeat = not self.has_repeated and self.drove_before and stands
-        if is_repeat:
+        has_last_call_stopped_it = self.drove_at_last_call and stands
+        if has_last_call_stopped_it and not self.has_repeated:
+            # the value of the last call is sent again, so `values_sent` does not change
             self.has_repeated = True
-        elif self.made < len(CALLS):
-            self.made += 1
-        else:
+        elif self.values_sent < len(CALLS):
+            self.values_sent += 1
+        else:  # all values were sent
             return None
-        self.drove_before = drives
-        self.answered_at = inf
-        return CALLS[self.made - 1]
+        self.drove_at_last_call = drives
+        self.answered_at = inf  # the answer to this call is awaited
+        return CALLS[self.values_sent - 1]
 
     def answered(self, now: float) -> None:
         """Note that the last call was answered at this time [s], or will not be answered."""
@@ -134,7 +134,7 @@ class CallPlan:
         if not has_service and now > NO_SERVICE:
             return Note(Kind.NO_SERVICE, f"it offered no start/stop service for {NO_SERVICE:g} s")
         has_last_effect = now >= self.answered_at + EFFECT_END
-        if self.made >= len(CALLS) and has_last_effect:
+        if self.values_sent >= len(CALLS) and has_last_effect:
             return Note(Kind.PLAN_DONE, "all calls are made")
         return None
 
@@ -241,50 +241,36 @@ def judge_calls(recording: Recording) -> List[Item]:
         return _judge_no_calls([stop, start], recording, observed)
     # name of the service in the report
     service = observed.services[0] if observed.services else "its service"
-    effects = _measure_effects(recording, observed.calls)  # speeds before and after each call
-    if not effects:
+    all_effects = _measure_effects(recording, observed.calls)  # speeds before and after each call
+    if not all_effects:
         evidence = by_hand(f"{service}: the run ended before the effect of a call could be seen")
         return [replace(item, points=None, evidence=evidence) for item in (stop, start)]
-    # Some services ignore the value of the request, and each call switches between standing and driving. Such
-    # a service shows itself when `grade` repeats the value that has just stopped the robot, because the
-    # second call starts the robot again. `restarts` has these second calls.
-    effects, restarts = _take_out_repeats(effects)
-    calls_while_driving = [effect for effect in effects if effect.drove_before]
-    if calls_while_driving and not any(effect.stopped for effect in calls_while_driving):
-        if len(observed.services) > 1:  # another service may stop the robot, but only the first was called
-            others = ", ".join(observed.services[1:])
-            evidence = by_hand(f"{service} stops nothing, and {others} of the same type was not called")
-            # the hints do not apply, because nothing of the other service is known
-            return [replace(item, points=None, evidence=evidence, hint="") for item in (stop, start)]
-        return _judge_no_stop(stop, start, service, calls_while_driving, observed.callers)
-    # value of the request that stops the robot
-    stop_value = restarts[0].call.data if restarts else _stopping_value(effects)
-    effects_of_stops = [effect for effect in effects if effect.call.data is stop_value]
-    stop = _judge_stops(stop, service, effects_of_stops, restarts)
-    if not calls_while_driving:
-        return [stop, _judge_starts_from_rest(start, service, recording, effects)]
-    starts = _starts_after_stops(effects, stop_value)
-    if restarts and not starts:
-        value = str(stop_value).lower()
-        evidence = by_hand(f"{service}: it ignores its value, because a second {value} starts the robot")
-        return [stop, replace(start, points=None, evidence=evidence)]
-    return [stop, _judge_starts(start, service, starts)]
+    # `restarts` has the calls that repeated the value for a stop, but started the robot
+    effects, restarts = _take_out_repeats(all_effects)
+    while_driving = [effect for effect in effects if effect.drove_before]
+    if not while_driving:
+        return _judge_from_rest(stop, start, service, recording, effects)
+    if not any(effect.stopped for effect in while_driving):
+        return _judge_no_stop(stop, start, service, while_driving, observed)
+    return _judge_after_stop(stop, start, service, effects, restarts)
 
 
 def _take_out_repeats(effects: Sequence[Effect]) -> Tuple[List[Effect], List[Effect]]:
-    """Return the effects of calls with another value than the call before, and the wrong restarts.
+    """Return two lists: effects of calls with a new value, and effects of repeated values that are wrong.
 
-    A wrong restart is a call that repeats the value by which the robot has just stopped, and starts the robot
-    again. Other repeated calls are in neither list, because a call that changes nothing is right, and proves
-    nothing more.
+    A value is new if the call before had the other value. The first call has a new value, too.
+
+    A repeated value is wrong if the robot has just stopped by this value, and now starts again. The service
+    then ignores the value, and each call switches between standing and driving. A repeated value without
+    this fault is in neither list, because it proves nothing more.
     """
-    effects_of_changes, restarts = list(effects[:1]), []
+    effects_of_new_values, restarts = list(effects[:1]), []
     for previous, effect in zip(effects, effects[1:]):
         if effect.call.data is not previous.call.data:
-            effects_of_changes.append(effect)
+            effects_of_new_values.append(effect)
         elif previous.stopped and effect.after >= DRIVING_SPEED:
             restarts.append(effect)
-    return effects_of_changes, restarts
+    return effects_of_new_values, restarts
 
 
 def _judge_no_calls(items: Sequence[Item], recording: Recording, observed: ServiceCalls) -> List[Item]:
@@ -307,6 +293,30 @@ def _judge_no_calls(items: Sequence[Item], recording: Recording, observed: Servi
     return [replace(item, evidence=evidence, hint=hint) for item in items]
 
 
+def _judge_after_stop(
+    stop: Item, start: Item, service: str, effects: Sequence[Effect], restarts: Sequence[Effect]
+) -> List[Item]:
+    """Return both items of a robot that at least one call has stopped.
+
+    Args:
+        stop: item on stops, without evidence.
+        start: item on starts, without evidence.
+        service: name of the service.
+        effects: effects of the calls with a new value; at least one of them has stopped the robot.
+        restarts: effects of calls that repeated the value for a stop, but started the robot.
+    """
+    stop_value = restarts[0].call.data if restarts else _stopping_value(effects)
+    # a call to a robot that already stood proves nothing about stops
+    stops = [effect for effect in effects if effect.call.data is stop_value and effect.drove_before]
+    stop = _judge_stops(stop, service, stops, restarts)
+    starts = _starts_after_stops(effects, stop_value)
+    if restarts and not starts:
+        value = str(stop_value).lower()
+        evidence = by_hand(f"{service}: it ignores its value, because a second {value} starts the robot")
+        return [stop, replace(start, points=None, evidence=evidence)]
+    return [stop, _judge_starts(start, service, starts)]
+
+
 def _starts_after_stops(effects: Sequence[Effect], stop_value: bool) -> List[Effect]:
     """Return the effects of the calls that ask a stopped robot to start.
 
@@ -322,18 +332,24 @@ def _starts_after_stops(effects: Sequence[Effect], stop_value: bool) -> List[Eff
 
 
 def _judge_no_stop(
-    stop: Item, start: Item, service: str, effects: Sequence[Effect], callers: Mapping[str, int]
+    stop: Item, start: Item, service: str, effects: Sequence[Effect], observed: ServiceCalls
 ) -> List[Item]:
     """Return both items of a robot that drives on after every call, whichever value the call has.
+
+    They get no points, or are graded by hand if the submission has another service that may stop the robot.
 
     Args:
         stop: item on stops, without evidence.
         start: item on starts, without evidence.
         service: name of the service.
         effects: effects of the calls to a driving robot, at least one.
-        callers: number of times that each node has asked the ROS master for the address of the service (a
-            lookup). A node does this at each call, so a node with MANY lookups calls the service.
+        observed: services of the submission, and nodes that call them.
     """
+    if len(observed.services) > 1:  # `grade` has called only the first one
+        others = ", ".join(observed.services[1:])
+        evidence = by_hand(f"{service} stops nothing, and {others} of the same type was not called")
+        # the hints do not apply, because nothing of the other service is known
+        return [replace(item, points=None, evidence=evidence, hint="") for item in (stop, start)]
     # two calls are enough for the sentence, because most often one of them has true and the other has false
     speeds = [f"{effect.after:.2f} m/s after {str(effect.call.data).lower()}" for effect in effects[:2]]
     evidence, hint = f"{service}: neither value stops it: {', '.join(speeds)}", NEITHER
@@ -341,9 +357,10 @@ def _judge_no_stop(
     # the text of the answer may say why the service has not obeyed
     if first_call.answer and not first_call.success:
         evidence += f" ({first_call.answer})"
-    # another node of the submission may call the service, too, and undo the calls of `grade`
+    # another node of the submission may call the service, too, and undo the calls of `grade`; a node looks
+    # the service up at each call
     other_callers = [
-        f"{node} has looked it up {count} times" for node, count in callers.items() if count >= MANY
+        f"{node} has looked it up {count} times" for node, count in observed.callers.items() if count >= MANY
     ]
     if other_callers:
         evidence += f"; {', '.join(other_callers)}; each call of a service looks it up"
@@ -382,27 +399,18 @@ def _measure_effects(recording: Recording, calls: Sequence[Call]) -> List[Effect
     return effects
 
 
-def _judge_stops(
-    item: Item, service: str, effects: Sequence[Effect], restarts: Sequence[Effect] = ()
-) -> Item:
+def _judge_stops(item: Item, service: str, effects: Sequence[Effect], restarts: Sequence[Effect]) -> Item:
     """Return the item on stops, by the share of calls that stopped a driving robot.
-
-    A call to a robot that already stood proves nothing. If there are only such calls, the item is graded by
-    hand.
 
     Args:
         item: item on stops, without evidence.
         service: name of the service.
-        effects: effects of the calls with the value that stops the robot.
-        restarts: effects of calls that repeat this value, and start the robot by it.
+        effects: effects of the calls to a driving robot with the value that stops it, at least one.
+        restarts: effects of calls that repeated this value, but started the robot.
     """
-    while_driving = [effect for effect in effects if effect.drove_before]
-    if not while_driving:
-        evidence = by_hand(f"{service}: the robot already stood before each call")
-        return replace(item, points=None, evidence=evidence)
-    failures = [effect for effect in while_driving if not effect.stopped]
+    failures = [effect for effect in effects if not effect.stopped]
     # each restart is a failure, too, because a call with the value for a stop has started the robot
-    return _with_points(item, f"{service}: stands", [*while_driving, *restarts], [*failures, *restarts])
+    return _with_points(item, f"{service}: stands", [*effects, *restarts], [*failures, *restarts])
 
 
 def _judge_starts(item: Item, service: str, effects: Sequence[Effect]) -> Item:
@@ -416,26 +424,31 @@ def _judge_starts(item: Item, service: str, effects: Sequence[Effect]) -> Item:
     return _with_points(item, f"{service}: drives", effects, failures)
 
 
-def _judge_starts_from_rest(
-    item: Item, service: str, recording: Recording, effects: Sequence[Effect]
-) -> Item:
-    """Return the item on starts for a robot that stood before every call.
+def _judge_from_rest(
+    stop: Item, start: Item, service: str, recording: Recording, effects: Sequence[Effect]
+) -> List[Item]:
+    """Return both items of a robot that stood before every call.
 
-    A robot that drives only after a call may obey the service, so a person grades it.
+    A person grades the stops, because such a robot cannot show them. A person also grades the starts, because
+    a robot that drives only after a call may obey the service. But a robot that never drives has no starts.
 
     Args:
-        item: item on starts, without evidence.
+        stop: item on stops, without evidence.
+        start: item on starts, without evidence.
         service: name of the service.
         recording: recording of the run.
-        effects: effects of all calls.
+        effects: effects of the calls with a new value.
     """
+    stop = replace(
+        stop, points=None, evidence=by_hand(f"{service}: the robot already stood before each call")
+    )
     if any(effect.after >= DRIVING_SPEED for effect in effects):
         evidence = by_hand(f"{service}: it drives after a call, but no call had stopped it before")
-        return replace(item, points=None, evidence=evidence)
+        return [stop, replace(start, points=None, evidence=evidence)]
     if not (np.abs(recording.speeds[:, 0]) >= DRIVING_SPEED).any():
-        return with_cause(item, f"{service}: it never drives", first_cause(recording))
+        return [stop, with_cause(start, f"{service}: it never drives", first_cause(recording))]
     evidence = by_hand(f"{service}: it had stopped by itself before the first call")
-    return replace(item, points=None, evidence=evidence)
+    return [stop, replace(start, points=None, evidence=evidence)]
 
 
 def _with_points(item: Item, reaction: str, effects: Sequence[Effect], failures: Sequence[Effect]) -> Item:
@@ -445,7 +458,7 @@ def _with_points(item: Item, reaction: str, effects: Sequence[Effect], failures:
         item: item without evidence.
         reaction: beginning of the evidence, such as "/start_stop: stands".
         effects: effects of the calls that are graded, at least one.
-        failures: effects of those that did not work.
+        failures: those of `effects` whose calls did not work.
     """
     successes = len(effects) - len(failures)
     evidence = f"{reaction} after {successes} of {len(effects)} calls"
