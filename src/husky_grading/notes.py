@@ -45,7 +45,6 @@ class Kind(Enum):
     SILENT_TOPIC = "silent topic"  # the submission subscribes to a topic on which no node publishes
     NO_SCANS = "no scans"  # the submission does not subscribe to the scans
     NO_RANGE = "no range"  # no beam of any scan measured a range, so there is no smallest range
-    NO_ODOMETRY = "no odometry"  # no node gets the bag's odometry, or none publishes an estimate of the path
     UNREAD_COMMANDS = "unread commands"  # the submission sends commands on a topic that no node reads
     NO_PUBLISHER = "no publisher"  # the submission has no publisher of commands
     NO_COMMANDS = "no commands"  # the submission has a publisher of commands, but sends none

@@ -45,8 +45,8 @@ MAX_FILE = 1_000_000  # [bytes] larger configuration files of rqt_multiplot are 
 # characters
 MAX_CURVES, MAX_NAME = 100, 200
 MAX_ESTIMATES = 50_000
-# [s] the bag counts as played at this simulated time before its end, because the last true pose may come a
-# little before the end
+# [s] the bag counts as played this long before its end, because the last true pose may come a little before
+# the end
 BAG_MARGIN = 0.1
 # After the bag's end, the run waits for the last estimates. It ends as soon as the stamp of an estimate is at
 # most LAST_MARGIN [s] before the bag's end, or if no estimate has come for the wall time SILENCE [s].
@@ -226,19 +226,23 @@ class FilterWatch(Watch):
     def _waits_for_estimates(self, end: float) -> bool:
         """Return whether the filter may still send its estimates of the last part of the bag.
 
-        A slow filter sends them only after the bag's end [s]. It does not send any more if the last estimate
-        is near this end already, if none has come at all, or if none has come for SILENCE.
+        A slow filter sends these estimates only after the bag's end [s]. Nothing more is expected if no
+        estimate has come at all, if the stamp of the last one is near the bag's end, or if none has come for
+        SILENCE.
 
-        If a filter goes on sending estimates that never reach the end, `drive/run.py` cuts the run off,
-        because simulated time does not advance after the bag's end.
+        A filter may also go on sending estimates whose stamps never come near the end. `drive/run.py` then
+        ends the run, because simulated time has stood still for too long.
         """
-        if not self._paths:
+        if not self._paths:  # no estimate has come
             return False
         for path in self._paths.values():
             # a path is empty for a moment, because `on_message` adds its first point in another thread
-            if path and path[-1][0] >= end - LAST_MARGIN:  # an estimate begins with its stamp
-                return False
-        return time.monotonic() - self._last_estimate_at <= SILENCE
+            if path:
+                last_stamp, _, _ = path[-1]
+                if last_stamp >= end - LAST_MARGIN:
+                    return False
+        seconds_without_estimate = time.monotonic() - self._last_estimate_at  # wall time
+        return seconds_without_estimate <= SILENCE
 
     def kept(self) -> Dict[str, Any]:
         """Return the positions of smb_top_view; if it never came, the positions of all other frames."""
@@ -285,15 +289,8 @@ def judge_path(recording: Recording, _playback: Playback, _view: RvizView) -> Ve
     # (N, 3) [s, m, m] stamp, x and y of each estimate; estimates with NaN or infinity are left out
     path = estimate.points[np.isfinite(estimate.points).all(axis=1)]
     if len(path) < MIN_ESTIMATES or not len(recording.times):
-        cause = _cause_of_no_estimate(recording)
-        evidence = f"{len(path)} estimates on {estimate.topic or FILTERED}: {cause.text}"
-        # true if no better reason than the missing odometry is known
-        is_cause_unknown = cause.kind is Kind.NO_ODOMETRY
-        # true if no fault such as a crash was noted, but no node subscribes to the bag's wheel odometry
-        lacks_only_input = not causes(recording) and not recording.subscribed
-        # in these two cases, the inputs of the filter are probably wrong
-        hint = INPUTS_HINT if is_cause_unknown or lacks_only_input else hint_on(cause)
-        return Verdict(0.0, evidence, hint)
+        why, hint = _explain_no_estimate(recording)
+        return Verdict(0.0, f"{len(path)} estimates on {estimate.topic or FILTERED}: {why}", hint)
     stamps, x, y = path.T  # (N,) each
     end = float(recording.times[-1])  # [s] end of the bag
     true_x, true_y = recording.poses[:, :2].T  # (M,) [m] each, in the world
@@ -312,19 +309,20 @@ def judge_path(recording: Recording, _playback: Playback, _view: RvizView) -> Ve
     return Verdict(1.0 if is_whole and is_accurate else 0.5, evidence, INPUTS_HINT)
 
 
-def _cause_of_no_estimate(recording: Recording) -> Note:
-    """Return the most probable reason for too few estimates; NO_ODOMETRY if no better reason is known."""
+def _explain_no_estimate(recording: Recording) -> Tuple[str, str]:
+    """Return the most probable reason for too few estimates, as a part of a sentence, and the hint on it."""
     reasons = causes(recording)
-    if reasons:
-        return reasons[0]
+    if reasons:  # such as a node that has crashed
+        return reasons[0].text, hint_on(reasons[0])
     # the filter itself subscribes to `set_pose`, so a missing publisher of this topic is not the cause
     silent = ", ".join(topic for topic in recording.silent_topics if topic.rpartition("/")[2] != "set_pose")
     if silent:
-        return Note(Kind.SILENT_TOPIC, silent_text(silent))
-    missing = "no node subscribes to the bag's wheel odometry"
+        cause = Note(Kind.SILENT_TOPIC, silent_text(silent))
+        # if no node gets even the wheel odometry of the bag, the hint on all inputs helps more
+        return cause.text, hint_on(cause) if recording.subscribed else INPUTS_HINT
     if recording.subscribed:
-        missing = "a node gets the bag's wheel odometry, but none publishes nav_msgs/Odometry"
-    return Note(Kind.NO_ODOMETRY, missing)
+        return "a node gets the bag's wheel odometry, but none publishes nav_msgs/Odometry", INPUTS_HINT
+    return "no node subscribes to the bag's wheel odometry", INPUTS_HINT
 
 
 def judge_cloud(_recording: Recording, _playback: Playback, view: RvizView) -> Verdict:
