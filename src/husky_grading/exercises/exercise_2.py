@@ -192,11 +192,15 @@ def compare_with_scans(lines: Sequence[PrintedLine], nearest: NDArray[np.float64
             continue
         low, high = smallest_ranges(nearest, line.stamp)
         right = [number for number in line.numbers if low - TOLERANCE <= number <= high + TOLERANCE]
+        # a line counts once, even if another of its numbers is also in this interval by chance
         all_right += right[:1]
+        # While the robot stands, all scans have nearly the same smallest range, so `low` nearly equals
+        # `high`. Without a stamp, `low` and `high` are from the whole run.
         is_at_rest = line.stamp is not None and high - low <= TOLERANCE
         if is_at_rest:
+            smallest = high
             is_right_at_rest = is_right_at_rest or bool(right)
-            wrong_at_rest += [number for number in line.numbers if TOLERANCE < abs(number - high) < NEAR]
+            wrong_at_rest += [number for number in line.numbers if TOLERANCE < abs(number - smallest) < NEAR]
     return PrintedRanges(all_right, wrong_at_rest, is_right_at_rest)
 
 

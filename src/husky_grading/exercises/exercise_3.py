@@ -178,17 +178,18 @@ def _explain_short_way(recording: Recording) -> Tuple[str, str]:
     A finding such as an exception in the node is the best explanation. Without such a finding, the
     explanation is a mistake in the steering, or the stop itself.
     """
+    steering = explain_steering(recording)
+    # A robot that turns away from the pillar often stops afterwards, because many nodes send no command while
+    # the pillar is out of sight. The stop then only follows from the turn, so the hint is on the turn.
+    turns_away = steering.is_seen_to_turn_away
     cause = cause_of_stop(recording)
-    ending, hint, turns_away = explain_steering(recording)
     if cause is not None:
-        # Many nodes send no command while the pillar is out of sight. If the robot has first turned away from
-        # the pillar, the missing commands only follow from the turn, so the hint is the one on the turns.
-        only_follows = turns_away and cause.kind is Kind.COMMANDS_CEASE
-        return as_ending(cause), hint if only_follows else hint_on(cause)
+        cause_follows_from_turn = turns_away and cause.kind is Kind.COMMANDS_CEASE
+        return as_ending(cause), steering.hint if cause_follows_from_turn else hint_on(cause)
     has_stopped = _stands_since(recording) is not None and recording.driving.any()
     if has_stopped and not turns_away:
         return "", STOPS
-    return ending, hint
+    return steering.ending, steering.hint
 
 
 def judge_arrival(
@@ -304,7 +305,9 @@ def points_for_place(placement: Placement) -> float:
 def judge_place(recording: Recording, placements: Sequence[Placement]) -> Item:
     """Grade whether the marker is at the pillar: at most 20 points, by its distance and duration there."""
     item = Item(PLACES_MARKER, 0.0, 20.0, "", hint=CHECK, subject=Subject.MARKER)
-    if not len(recording.times) and causes(recording):  # the run has not begun, and the reason is known
+    # the run has not begun, for example because the build failed; without such a reason, the tests below give
+    # a better explanation
+    if not len(recording.times) and causes(recording):
         return with_cause(item, NO_RUN, first_cause(recording))
     cause = cause_of_no_marker(recording)
     if not recording.marker_topics:

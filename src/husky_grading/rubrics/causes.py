@@ -65,8 +65,8 @@ OF_OTHERS = {Kind.MISSING_PACKAGE, Kind.OTHERS_NODE}
 HARMLESS = {
     Kind.ROBOT, Kind.UNANSWERED_SCANS, Kind.FLOOD, Kind.LAUNCH_PREFIX, Kind.SKIPPED, Kind.UNREADABLE,
 }  # fmt: skip
-# if a run ended for one of these reasons, a node of the submission still ran, so an ended node is not the
-# cause of lost points
+# If a run ended for one of these reasons, the controller of the submission still ran. So a node that has
+# ended was another node, and is not the cause of lost points.
 RAN_ON = {
     Kind.TOUCHES, Kind.AT_PILLAR, Kind.NEVER_MOVED, Kind.STOOD_STILL, Kind.SLOW, Kind.NO_PUBLISHER,
     Kind.CUT_OFF, Kind.LEAVES,
@@ -94,7 +94,8 @@ def causes(recording: Recording) -> List[Note]:
 def _ran_to_the_end(recording: Recording) -> bool:
     """Return whether the controller of the submission still ran at the end of the run.
 
-    A node that has ended was then another node, so its end does not explain lost points.
+    If a node of the submission has ended, this node was then not the controller. So the end of this node does
+    not explain lost points.
     """
     if not recording.ended:
         return False
