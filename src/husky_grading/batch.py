@@ -111,8 +111,8 @@ def mark_all(config: MarkingConfig, batch: Batch) -> List[MarkingResult]:
                 _report_progress(result, number, len(waiting))
     except (StoppedError, KeyboardInterrupt):
         raise HuskyError("stopped; run the same command again to continue") from None
-    # With `--only`, the submissions that it does not name may have no result yet. They get no row in the
-    # tables.
+    # a submission without a result has no row in the tables; with `--only`, the submissions that are not
+    # named may have no result yet
     ordered = [results[name] for name in names if name in results]
     result_folders = {each.name: each.folder for each in hand_ins}  # names of the folders, by student
     write_class(ordered, result_folders, batch.out)
@@ -158,9 +158,10 @@ def _look_up_results(
 ) -> Tuple[Dict[str, MarkingResult], List[Job]]:
     """Return the results that need no run, by the student's name, and the jobs of all other submissions.
 
-    If `batch.only` names submissions, only these have jobs, and other submissions may have no result. The
-    workspace.json of these submissions is removed, and so is the folder of results of a student with two
-    entries.
+    If `batch.only` names submissions, only the named submissions have jobs. The workspace.json of each named
+    submission is removed. The other submissions keep their results, but may have none.
+
+    If a student has delivered two submissions, the student's folder of results is removed.
 
     Raises:
         PointsError: points in marking.yaml do not fit the rubric.
@@ -180,7 +181,7 @@ def _look_up_results(
             results[job.name] = unmarked(job, hand_in.problem)
             continue
         if job.name in batch.only:
-            # the teacher wants a new result; without this file, the submission is also built again
+            # the teacher wants a new result; without workspace.json, the submission is also built again
             Path(job.out, WORKSPACE).unlink(missing_ok=True)
             waiting.append(job)
             continue
@@ -307,9 +308,15 @@ def _kept_result(job: Job) -> Optional[MarkingResult]:
     """
     out = Path(job.out)
     try:
-        # if packages were missing, the kept fingerprint also has the hash of the installed packages
-        fingerprints = (job.fingerprint, job.fingerprint + job.installed, fingerprint_of_timeout(job))
-        if (out / FINGERPRINT).read_text() not in fingerprints:
+        # each of these fingerprints means that the earlier result still holds
+        valid_fingerprints = (
+            job.fingerprint,
+            # packages were missing, and this machine still has the same packages
+            job.fingerprint + job.installed,
+            # the submission was not graded in time, and the time limit is still the same
+            fingerprint_of_timeout(job),
+        )
+        if (out / FINGERPRINT).read_text() not in valid_fingerprints:
             return None
         result = load_result(out / RESULT)
         judged = judge_again(job) if _must_judge_again(job) else result

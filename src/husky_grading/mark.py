@@ -46,24 +46,25 @@ LIMITS = {resource.RLIMIT_DATA: 2_000_000_000, resource.RLIMIT_NOFILE: 1024}
 def mark(job: Job) -> MarkingResult:
     """Mark a submission, write its files into the job's folder, and return its result, also after any error.
 
-    The fingerprint in the folder decides what the next `grade` does. With the same fingerprint, the runs are
-    kept, and only judged again if rules or points by hand have changed. So there is a fingerprint after a
-    success, after an error in the teacher's points, and if the submission itself cannot be marked. After a
-    fault of this machine, such as a full disk, or of this program, there is no fingerprint, so the next
-    `grade` marks the submission again.
+    The fingerprint in the folder decides what the next `grade` does. If it has the same fingerprint, it keeps
+    the runs, and only judges them again if rules or points by hand have changed. So the fingerprint is
+    written after a success, after an error in the teacher's points, and if the submission itself cannot be
+    marked. It is not written after a fault of this machine, such as a full disk, or of this program. The next
+    `grade` then marks the submission again.
 
     Raises:
         StoppedError: marking was interrupted.
     """
     out = Path(job.out)
     problem = ""  # sentence that says why the submission could not be marked; empty if it was marked
-    fingerprint = ""  # hash of everything that the runs depend on; empty if the runs must not be kept
+    # hash of everything that the runs depend on; empty if the next `grade` must mark the submission again
+    fingerprint = ""
     try:
         out.mkdir(parents=True, exist_ok=True)
         for name in (FINGERPRINT, RESULT, *PICTURES):
             remove_tree(out / name)
         submission, recordings = _prepare_and_observe(job)
-        # set before `judge`, so that the runs are kept if `judge` finds an error in the teacher's points
+        # the runs are complete, so they are kept, even if `judge` finds an error in the teacher's points
         fingerprint = _fingerprint_of_runs(job, submission, recordings)
         result = _judge_and_draw(submission, recordings, job)
     except StoppedError:
@@ -71,8 +72,9 @@ def mark(job: Job) -> MarkingResult:
     except NotMarkableError as error:  # a fault that marking again would not repair, such as a broken archive
         problem, fingerprint = _text_of(error), job.fingerprint
     except HuskyError as error:
-        # The fingerprint is left as it is: empty after an error before `judge`, such as a fault of this
-        # machine, and set if `judge` has found an error in the teacher's points.
+        # A fault of this machine ends the program before or during the runs, so `fingerprint` is still empty.
+        # An error in the teacher's points comes from `judge`, so `fingerprint` is already set. Both values
+        # are right, and stay.
         problem = _text_of(error)
     except OSError as error:  # a fault of this machine, also while the pictures are written
         problem = error.strerror or _text_of(error)

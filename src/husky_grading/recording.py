@@ -81,7 +81,7 @@ class Recording:
     times: np.ndarray = table("(N,) [s] simulated times of the true poses")
     poses: np.ndarray = table("[m, m, rad], true x, y, yaw of base_link in the world", 3)
     speeds: np.ndarray = table("[m/s, rad/s], true, in base_link", 2)
-    commands: np.ndarray = table("[s], when commands came; one for each true pose")
+    commands: np.ndarray = table("(K,) [s] times at which commands came, each time once")
     command_count: int = 0  # number of all velocity commands
     zero_count: int = 0  # number of commands with all components zero
     # [m/s] largest absolute value of linear.x in all commands; None if unknown

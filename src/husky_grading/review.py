@@ -77,6 +77,7 @@ class OpenItem:
         for key in range(1, KEYS):
             points = full * (key - 1) / (KEYS - 1)
             rounded = round(2.0 * points) / 2.0
+            # no key may give more than all points; for example, 0.35 of 0.4 points would be rounded to 0.5
             choices.append((key, min(rounded, full)))
         return [*choices, (KEYS, full)]
 

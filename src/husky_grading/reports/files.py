@@ -35,8 +35,8 @@ from husky_highlevel_controller.robot import load_robot
 
 RUNS_PICTURE, MOMENT_PICTURE = "drive.png", "moment.png"  # all runs from above; one moment of a run
 PICTURES = (RUNS_PICTURE, MOMENT_PICTURE)
-# file with a hash of everything that the result depends on. It is written last, so a result is complete if
-# this file exists.
+# file with a hash of everything that the runs depend on: submission, settings and our code. It is written
+# last, so the other files are complete if this file exists.
 FINGERPRINT = "fingerprint"
 LOGS = (("build log", "build.log"), ("marking log", "mark.log"))
 HAND_INS = "hand_ins"  # folder of the class's results, with one folder for each submission
