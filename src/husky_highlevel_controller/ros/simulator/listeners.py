@@ -16,7 +16,7 @@ import os
 import threading
 import time
 from pathlib import Path
-from typing import Any, Dict, List, Mapping, Optional, Set, Tuple
+from typing import Any, Dict, List, Optional, Set, Tuple
 
 import rospy
 
@@ -43,6 +43,9 @@ Ports = Tuple[int, int]  # TCP ports of a connection: port of the subscriber, po
 # Turns of a process: for each thread, the text of its file SCHEDULE, in which the kernel counts how often it
 # has let the thread run on a CPU. If the text is the same at two looks, the thread has not run between them.
 Turns = Dict[str, bytes]
+# Result of one look at all listeners: the turns of each process, by the id of the process. If a thread of the
+# process runs, None is in place of its turns.
+Look = Dict[int, Optional[Turns]]
 
 
 class Listeners:
@@ -67,62 +70,73 @@ class Listeners:
         self._clock_receivers: Set[int] = set()  # ids of the processes that receive the clock
         # true if all processes that receive the topic are on this machine, where they can be seen
         self._sees_all_receivers = False
-        # True if equal turns (how often the threads have run) can show that a process waits: the kernel
-        # counts turns, and all processes in `_processes` run Python. A node in Python does not run while it
-        # waits, but a node in C++ wakes every millisecond.
+        # True if the short check is possible: the kernel counts turns, and all processes in `_processes` run
+        # Python. A node in Python does not run while it waits. But a node in C++ wakes every millisecond, so
+        # its turns change also while it waits.
         self._can_check_turns = False
-        # turns of each process, when all processes were last found asleep; if the turns of a process are now
-        # different, it has run since then
-        self._turns_when_idle: Dict[int, Optional[Turns]] = {}
+        # the look at which all processes were last found asleep; if the turns of a process are now different,
+        # the process has run since then
+        self._idle_look: Look = {}
 
     def asleep(self) -> bool:
         """Return whether all listeners are asleep, and stay so until a message is sent.
 
-        The result is false if a receiver of the topic is on another machine, where it cannot be seen. The
-        call looks at all threads several times, for some milliseconds. If a look finds that a receiver of the
-        topic or another thread of this process runs, the result is false. The result is true if one of two
-        checks is passed:
+        The call looks at all threads again and again. The result is false if a look finds that a receiver of
+        the topic runs, or that another thread of this process runs. The result is true when one of two checks
+        is passed:
 
-        - The short check is only possible for nodes in Python. No thread has run between two looks, because
-          its turns are the same, and each receiver of the clock has received the last tick.
-        - The long check is for nodes in any language. No look within ASLEEP_FOR has found a receiver of the
-          topic that runs. Here the turns may change, because a node in C++ wakes for a moment every
-          millisecond while it waits.
+        - The short check compares two looks, and is only possible for nodes in Python.
+        - The long check is for nodes in any language: during ASLEEP_FOR, all looks found that the receivers
+          of the topic do not run.
+
+        If a receiver of the topic is on another machine, where it cannot be seen, the result is false.
         """
         self._find_processes()
         if not self._sees_all_receivers:
             return False
         end = time.monotonic() + ASLEEP_FOR
-        last_turns = None  # turns at the last look; None before the first look
+        last_look = None  # None before the first look
         while True:
-            turns = self._turns_if_receivers_wait()
-            if turns is None:
+            look = self._look_if_receivers_wait()
+            if look is None:
                 return False
-            passes_short_check = (
-                self._can_check_turns and turns == last_turns and self._have_worked_and_sleep(turns)
-            )
-            passes_long_check = time.monotonic() >= end  # no look has found a receiver that runs
-            if passes_short_check or passes_long_check:
-                self._turns_when_idle = turns
+            passes_long_check = time.monotonic() >= end
+            if passes_long_check or self._passes_short_check(last_look, look):
+                self._idle_look = look
                 return True
-            # the short check compares two looks, so the second look follows the first at once
-            looks_again_at_once = self._can_check_turns and last_turns is None
-            if not looks_again_at_once:
+            # for the short check, the second look follows the first look at once
+            if last_look is not None or not self._can_check_turns:
                 time.sleep(LOOK_PERIOD)
-            last_turns = turns
+            last_look = look
 
-    def _turns_if_receivers_wait(self) -> Optional[Dict[int, Optional[Turns]]]:
-        """Look at all threads, and return the turns by process, or None if a receiver of the topic runs.
+    def _look_if_receivers_wait(self) -> Optional[Look]:
+        """Look at all threads; return None in place of this look if a receiver of the topic runs.
 
         The result is also None if a thread of this process runs, because it may be about to send a message
-        to a receiver. A process that receives only the clock may run; then it has None in place of turns.
+        to a receiver. But a process that receives only the clock may run.
         """
         if self._own_threads.turns() is None:
             return None
-        turns = {process: threads.turns() for process, threads in self._processes.items()}
-        if any(turns[process] is None for process in self._topic_receivers):
+        look = {process: threads.turns() for process, threads in self._processes.items()}
+        if any(look[process] is None for process in self._topic_receivers):
             return None
-        return turns
+        return look
+
+    def _passes_short_check(self, last_look: Optional[Look], look: Look) -> bool:
+        """Return whether two looks show that all processes have received the last tick, and now sleep.
+
+        `last_look` is None if there is only one look so far; then the check is not passed.
+        """
+        if not self._can_check_turns or last_look is None:
+            return False
+        runs_now = None in look.values()
+        has_run_between_looks = look != last_look
+        # Each tick (message on /clock) wakes its receivers. So a process that has not run since all processes
+        # were last found asleep has not received the last tick yet, and is about to run.
+        have_received_tick = all(
+            look[process] != self._idle_look.get(process) for process in self._clock_receivers
+        )
+        return have_received_tick and not has_run_between_looks and not runs_now
 
     def _find_processes(self) -> None:
         """Find the processes that listen, if the connections have changed since the last call."""
@@ -134,24 +148,12 @@ class Listeners:
         process_by_ports = _receiving_processes(self._ports)
         self._topic_receivers = {process_by_ports[ports] for ports in topic_ports & process_by_ports.keys()}
         self._clock_receivers = {process_by_ports[ports] for ports in clock_ports & process_by_ports.keys()}
-        # also false without a receiver, because then no controller is seen to sleep
+        # false also if there is no receiver, because `asleep` then has no controller to look at
         self._sees_all_receivers = bool(topic_ports) and topic_ports <= process_by_ports.keys()
         self._can_check_turns = COUNTS_TURNS and all(map(_in_python, process_by_ports.values()))
         for threads in self._processes.values():
             threads.close()
         self._processes = {process: _Threads(process) for process in process_by_ports.values()}
-
-    def _have_worked_and_sleep(self, turns: Mapping[int, Optional[Turns]]) -> bool:
-        """Return whether no process runs now, and each receiver of the clock has received the last tick.
-
-        A receiver has received the tick if it has run since it was last found asleep. `turns` has the turns
-        of each process, or None if one of its threads runs now.
-        """
-        have_received_tick = all(
-            turns[process] != self._turns_when_idle.get(process) for process in self._clock_receivers
-        )
-        runs_now = None in turns.values()
-        return have_received_tick and not runs_now
 
 
 class _Threads:
