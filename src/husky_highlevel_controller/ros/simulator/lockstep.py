@@ -107,14 +107,16 @@ class Lockstep:
                 answer, and "unanswered" once, when lockstep ends.
         """
         self._mode = Mode.WATCHED if is_on else Mode.FREE
-        self._mode_before_sleep = self._mode  # mode that comes back when the mode SLEEPING ends
-        self._listeners, self._tell = listeners, tell
+        self._mode_after_sleep = self._mode  # mode that comes back when the mode SLEEPING ends
+        self._listeners = listeners
+        # tells the recorder of a graded run that an answer does not come: gets a kind and a sentence
+        self._tell = tell
         self._answered = threading.Event()  # set if a command has come since the last scan
         # topics on which a command has come since the last scan; None before the first scan
         self._answered_topics: Optional[Set[str]] = None
         self._has_commanded = False  # true if any command has come so far
-        # true from `begin_scan` until the wait for the answer to the scan is over
-        self._answer_is_due = False
+        # true during a physics step with a scan, from `begin_scan` until the end of `wait_for_answer`
+        self._is_in_scan_step = False
         self._answered_in_a_row = 0  # number of scans in a row that were answered
 
     def drops(self, topic: str) -> bool:
@@ -159,20 +161,20 @@ class Lockstep:
 
     def begin_scan(self) -> None:
         """Forget earlier commands, so that they do not count as answers; call this before a scan is sent."""
-        self._answer_is_due, self._answered_topics = True, set()
+        self._is_in_scan_step = True
+        self._answered_topics = set()
         self._answered.clear()
 
     def wait_for_answer(
         self, meanwhile: Callable[[], None], resend: Callable[[], None], nudge: Callable[[], None]
     ) -> None:
-        """Wait until a command has arrived since `begin_scan`, calling `meanwhile` for service calls.
+        """Wait until a command has arrived since `begin_scan`; call this after the scan was sent.
 
-        If the controller sleeps by simulated time, no command can come before the clock goes on. Then the
-        wait ends without a command, and the mode is SLEEPING (see `Mode`). After AWAKE answered scans in a
-        row, the mode changes again (see `_count_answers`).
+        If the controller sleeps by simulated time, no command can come before the clock goes on. So the wait
+        also ends without a command if the controller is found to sleep (mode SLEEPING).
 
         Args:
-            meanwhile: serves calls, and is called again and again.
+            meanwhile: serves service calls; it is called again and again during the wait.
             resend: sends the scan again. The very first command of a controller may be lost while its
                 publisher connects, so the scan is sent again if no command has come so far.
             nudge: publishes a time just before the next tick, without a physics step. A controller that
@@ -182,25 +184,23 @@ class Lockstep:
             return
         if self._mode is not Mode.SLEEPING:
             self._wait_for_command(meanwhile, resend, nudge)
-        # A controller may begin a sleep after its command, and the clock must not go on before the sleep has
-        # begun. In the modes ANSWERING and FREE, this call returns at once.
+        # the controller may begin a sleep after its command, and the clock must not go on before this sleep
         self._wait_until_idle(meanwhile)
-        # a controller that has never sent a command may be waiting for a call of its start service, so it is
-        # not reported as asleep
+        # A controller that has never sent a command is not reported as asleep, because it may be waiting for
+        # a call of its start service.
         if self._mode is Mode.SLEEPING and self._has_commanded and not self._answered.is_set():
             self._tell(
                 "asleep", "it does not answer every scan with a command, so scans continue while it sleeps"
             )
-        self._answer_is_due = False
+        self._is_in_scan_step = False
         self._count_answers()
 
     def _count_answers(self) -> None:
         """Count the scans that were answered in a row, and after AWAKE of them, change the mode.
 
-        An unanswered scan sets the count to 0. After AWAKE answers, the controller no longer counts as
-        asleep, so the mode SLEEPING ends, and the mode from before the sleep comes back. The mode WATCHED
-        becomes ANSWERING, also if WATCHED has just come back, because a controller that answers each scan
-        need not be waited for at ticks. The mode ALWAYS_WATCHED stays.
+        An unanswered scan sets the count to 0. After AWAKE answers, the mode SLEEPING ends, because the
+        controller is awake. The mode WATCHED becomes ANSWERING, because a controller that answers each scan
+        need not be watched at ticks. The mode ALWAYS_WATCHED stays.
         """
         if not self._answered.is_set():
             self._answered_in_a_row = 0
@@ -209,18 +209,19 @@ class Lockstep:
         if self._answered_in_a_row < AWAKE:
             return
         if self._mode is Mode.SLEEPING:
-            self._mode = self._mode_before_sleep
+            self._mode = self._mode_after_sleep
+        # the mode may have become WATCHED just now, at the end of the sleep
         if self._mode is Mode.WATCHED:
             self._mode = Mode.ANSWERING
 
     def tick(self, meanwhile: Callable[[], None], again: Callable[[], None]) -> None:
         """Wait until the listeners have done their work at this tick; call this after each tick of the clock.
 
-        If a controller sends a command at the tick of a scan, before the scan is sent, then the mode WATCHED
-        becomes ALWAYS_WATCHED. In the mode SLEEPING, this change is made for the time after the sleep.
+        A controller that sends a command at a tick, and not as the answer to a scan, must be watched at all
+        ticks from then on (mode ALWAYS_WATCHED).
 
         Args:
-            meanwhile: serves calls, and is called again and again.
+            meanwhile: serves service calls; it is called again and again during the wait.
             again: sends the tick once more. rospy.sleep first reads the clock, and then waits for the next
                 tick, so it misses a tick that comes between the two.
         """
@@ -228,72 +229,71 @@ class Lockstep:
         if self._mode in (*_WATCHING_MODES, Mode.SLEEPING):
             again()
             self._wait_until_idle(meanwhile)
-        # A step with a scan first calls `begin_scan`, which forgets all commands, then this method, and sends
-        # the scan last. So a command that has come by now was caused by the tick, not by the scan.
-        has_commanded_at_tick = self._answer_is_due and self._answered.is_set()
-        if not has_commanded_at_tick:
-            return
+        # In a step with a scan, `begin_scan` has forgotten earlier commands, and the scan is sent only after
+        # this tick. So a command that has come by now is not an answer to the scan, but was sent at the tick.
+        has_commanded_at_tick = self._is_in_scan_step and self._answered.is_set()
+        if has_commanded_at_tick:
+            self._watch_always()
+
+    def _watch_always(self) -> None:
+        """Change the mode WATCHED to ALWAYS_WATCHED; during a sleep, change the mode after the sleep."""
         if self._mode is Mode.WATCHED:
             self._mode = Mode.ALWAYS_WATCHED
-        elif self._mode is Mode.SLEEPING and self._mode_before_sleep is Mode.WATCHED:
-            self._mode_before_sleep = Mode.ALWAYS_WATCHED
+        elif self._mode is Mode.SLEEPING and self._mode_after_sleep is Mode.WATCHED:
+            self._mode_after_sleep = Mode.ALWAYS_WATCHED
 
     def _wait_for_command(
         self, meanwhile: Callable[[], None], resend: Callable[[], None], nudge: Callable[[], None]
     ) -> None:
         """Wait for the command that answers a scan, or until the controller is known to sleep (SLEEPING).
 
-        If no command comes, one attempt is made to get it:
+        If no command comes, one attempt is made to get a command:
 
-        - If the controller has never sent a command, the scan or the command may have been lost while the
-          nodes connected, so `resend` sends the scan again after RESEND_TIMEOUT.
-        - If the controller has sent commands before, and the listeners are idle after SLEEP_TIMEOUT, the
-          controller may sleep until a time between two ticks, so `nudge` moves the clock.
+        - Before the very first command, the scan is sent again after RESEND_TIMEOUT, because the scan or the
+          command may have been lost while the nodes connected.
+        - Later, if the listeners are idle after SLEEP_TIMEOUT, the clock is nudged, because the controller
+          may sleep until a time between two ticks. If a command comes then, the mode becomes ALWAYS_WATCHED.
 
-        If the listeners are idle SLEEP_TIMEOUT after this attempt, and still no command has come, the
-        controller sleeps by simulated time, and the mode becomes SLEEPING. If a command comes only after
-        the nudge, the mode becomes ALWAYS_WATCHED.
+        If the listeners are idle SLEEP_TIMEOUT after the attempt, and still no command has come, the
+        controller sleeps by simulated time, and the mode becomes SLEEPING.
         """
         if self._answered.is_set():
             return
-        waits_for_first = not self._has_commanded  # true before the very first command
+        is_before_first_command = not self._has_commanded
         began_at = time.monotonic()  # [s] wall time
-        attempted_at: Optional[float] = None  # [s] wall time of the resend or of the nudge; None before it
+        attempted_at: Optional[float] = None  # [s] wall time of the attempt; None before the attempt
 
         def attempt_is_due() -> bool:
             """Return whether it is time to resend the scan, or to nudge the clock."""
             waited = time.monotonic() - began_at  # [s]
-            if waits_for_first:
-                # The controller may be starting, so it may look idle; only the time decides. `_has_commanded`
-                # is read again, because the first command may have just come, and then the scan must not be
-                # sent again.
-                return waited > RESEND_TIMEOUT and not self._has_commanded
+            if is_before_first_command:
+                # Only the time decides, because a controller that is starting may look idle. A command may
+                # come at any time, also just before this line, and then the scan must not be sent again.
+                return waited > RESEND_TIMEOUT and not self._answered.is_set()
             return waited > SLEEP_TIMEOUT and self._listeners.asleep()
 
         def is_over() -> bool:
-            """Serve calls, resend or nudge if due, and return whether the wait is over."""
+            """Serve calls, make the attempt if it is due, and return whether the wait is over."""
             nonlocal attempted_at
             meanwhile()
             if attempted_at is None:
                 if attempt_is_due():
                     attempted_at = time.monotonic()
-                    attempt = resend if waits_for_first else nudge
+                    attempt = resend if is_before_first_command else nudge
                     attempt()
             elif time.monotonic() - attempted_at > SLEEP_TIMEOUT and self._listeners.asleep():
                 # the attempt has not helped, so the controller sleeps
-                self._mode_before_sleep, self._mode = self._mode, Mode.SLEEPING
+                self._mode_after_sleep, self._mode = self._mode, Mode.SLEEPING
+                rospy.loginfo_once("lockstep: a controller is sleeping; advancing one scan at a time")
                 return True
             return self._answered.wait(POLL_PERIOD)  # true if a command has come within POLL_PERIOD
 
         self._wait_or_end_lockstep(is_over, ANSWER_TIMEOUT, missing="no command answers the scan")
-        if self._mode is Mode.SLEEPING:
-            rospy.loginfo_once("lockstep: a controller is sleeping; advancing one scan at a time")
-            return
-        was_nudged = attempted_at is not None and not waits_for_first
-        if was_nudged and self._mode is not Mode.FREE:
-            # The command came only after the nudge has moved the clock. So the controller sleeps between two
-            # commands until a simulated time, and works at a tick. From now on, the simulator waits at each
-            # tick until the controller has worked.
+        was_nudged = attempted_at is not None and not is_before_first_command
+        if was_nudged and self._mode not in (Mode.SLEEPING, Mode.FREE):
+            # The command came only after the nudge. So the controller sleeps between two commands until a
+            # simulated time, and works at a tick. From now on, the simulator waits at each tick until the
+            # controller has worked.
             self._mode = Mode.ALWAYS_WATCHED
 
     def _wait_until_idle(self, meanwhile: Callable[[], None]) -> None:
@@ -327,9 +327,10 @@ class Lockstep:
         """Wait until `done` returns true; after `timeout` [s] of wall time, end lockstep (mode FREE).
 
         Args:
-            done: is called again and again; it also serves service calls.
+            done: function that is called again and again until it returns true; during the wait, it also
+                serves service calls.
             timeout: longest wait, wall time [s].
-            missing: part of a sentence that says what has not come, for the warning at the end of lockstep.
+            missing: part of the warning that lockstep ends; it says what has not come.
             period: wall time between two calls of `done` [s].
         """
         end = time.monotonic() + timeout
@@ -338,9 +339,11 @@ class Lockstep:
                 rospy.logwarn(
                     f"lockstep: after {timeout:g} s of wall time {missing}; continuing without lockstep"
                 )
+                self._tell(
+                    "unanswered",
+                    "it does not answer every scan with a command, so scans continued without it",
+                )
                 self._mode = Mode.FREE  # ends this loop
-                text = "it does not answer every scan with a command, so scans continued without it"
-                self._tell("unanswered", text)
             time.sleep(period)
 
 
