@@ -187,7 +187,9 @@ class SimulatorNode:
     def _publish_in_pause(self, world_has_changed: bool, with_scan: bool) -> None:
         """Show changes of the world, and repeat the time and the kept scan, because nodes may start now.
 
-        After the pause, simulated time does not catch up with the wall time that has passed until this call.
+        Args:
+            world_has_changed: true if a service call has changed the world since the last call.
+            with_scan: true if the kept scan is repeated; it is repeated only until the first step.
         """
         publishers, simulation = self._publishers, self._simulation
         if world_has_changed:
@@ -196,6 +198,7 @@ class SimulatorNode:
         # in lockstep, the scan is not sent, because lockstep would need an answer to it
         if with_scan and not self._start.lockstep:
             publishers.send_kept_scan()
+        # otherwise the simulation would hurry after the pause, to catch up with wall time
         self._pacer.restart(simulation.stamp, time.monotonic())
         if self._display:
             self._display.refresh()
@@ -333,23 +336,19 @@ class SimulatorNode:
         """Advance the physics by one step and publish its messages. Return whether /clock was published.
 
         Most steps publish nothing, because sensors and clock are slower than the physics. In lockstep, a step
-        with a scan ends only when the controller has answered the scan. A step that publishes /clock (a tick)
-        waits until the controllers have done what they do at this tick.
+        that publishes /clock (a tick) waits after this message until the controllers have done what they do
+        at this tick. A step with a scan then sends the scan, and waits for the controller's answer.
         """
         self._obey_new_commands()
         # a field of the snapshot is None if its sensor has no sample at this step
         snapshot = self._simulation.step()
-        self._notice_fall(snapshot)
-        if snapshot.contacts:
-            self._notice_touches(snapshot)
-        if snapshot.odometry is not None:
-            self._notice_arrival(snapshot)
+        self._notice_events(snapshot)
         if snapshot.scan is not None:
             self._lead_limit.before_scan()  # waits for a controller that has not answered the last scans
             self._lockstep.begin_scan()  # commands that come after this call count as answers to this scan
-        # True if this step has published a message on /clock (a tick). If so, `_hold_tick` was called after
-        # this message and before all other messages, and has waited for the controllers.
-        is_tick = self._publishers.publish(snapshot, on_clock=self._hold_tick)
+        # /clock is published first, if it is due; then `_hold_tick` waits for the controllers; then all other
+        # messages follow
+        has_published_clock = self._publishers.publish(snapshot, on_clock=self._hold_tick)
         self._publishers.publish_points(snapshot, self._simulation.points)
         self._gazebo.publish(snapshot)  # poses and velocities of all models, on the same topic as in Gazebo
         if snapshot.power is not None and self._status:
@@ -366,7 +365,7 @@ class SimulatorNode:
                 # a controller that sleeps in simulated time wakes only if simulated time goes on
                 nudge=partial(self._publishers.publish_clock_between_ticks, snapshot.stamp),
             )
-        return is_tick
+        return has_published_clock
 
     def _obey_new_commands(self) -> None:
         """Give the simulation the commands that have come since the last step; warn of invalid ones."""
@@ -381,6 +380,14 @@ class SimulatorNode:
         # lockstep may publish the same tick again, because a node that calls rospy.sleep may have missed it
         again = partial(self._publishers.publish_clock, self._simulation.stamp)
         self._lockstep.tick(self._serve_during_step, again)
+
+    def _notice_events(self, snapshot: Snapshot) -> None:
+        """Log what a user should know of a step: a fall, touches of objects, an arrival at a pillar."""
+        self._notice_fall(snapshot)
+        if snapshot.contacts:
+            self._notice_touches(snapshot)
+        if snapshot.odometry is not None:
+            self._notice_arrival(snapshot)
 
     def _notice_fall(self, snapshot: Snapshot) -> None:
         """Log an error when the robot has fallen off the world, once for each fall."""
@@ -438,7 +445,8 @@ class SimulatorNode:
     def _keep_pace(self) -> None:
         """Sleep until wall time has caught up with simulated time; warn once if this machine is too slow."""
         stamp, now = self._simulation.stamp, time.monotonic()
-        # real-time factor that was reached, if the simulation is too late to catch up; otherwise None
+        # None while simulated time is not late, or only so late that it can catch up. Otherwise, this is the
+        # real-time factor that was reached, and the pace starts again from now.
         reached = self._pacer.lag(stamp, now)
         if reached is not None and reached < SLOW_FRACTION * self._start.real_time_factor:
             rospy.logwarn_once(
