@@ -105,8 +105,8 @@ def _system_level(status: HuskyStatus) -> Level:
         (_level_if_high(driver, DRIVER_TEMPERATURE), "motor drivers too hot"),
         (_level_if_high(motor, MOTOR_TEMPERATURE), "motors too hot"),
     ]
-    worst = max(levels, key=lambda level: level[0])
-    return worst if worst[0] > OK else (OK, "system OK")
+    worst_level, sentence = max(levels, key=lambda level: level[0])
+    return (worst_level, sentence) if worst_level > OK else (OK, "system OK")
 
 
 def _level_if_high(value: float, limits: Sequence[float]) -> int:

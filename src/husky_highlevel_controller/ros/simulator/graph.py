@@ -132,9 +132,10 @@ class SecondFilter:
         self.filter_node = ""
 
     def look(self, graph: Graph) -> None:
-        """Leave the estimate to a new publisher of `filter_topic` that the same roslaunch has started.
+        """Let a new publisher of `filter_topic` estimate the pose in place of the simulator.
 
-        A publisher that was started in another way is a mistake, which `second_publishers` finds.
+        This publisher must belong to the same roslaunch as the simulator. Any other publisher is a mistake,
+        which `second_publishers` finds.
         """
         # `_seen_publishers` has this node from the beginning, so this node is never a new publisher
         new_publishers = set(graph.publishers.get(self._filter_topic, ())) - self._seen_publishers

@@ -110,7 +110,7 @@ def messages_of_drive(
             if step % command_steps == 0:
                 true_yaw = yaw_from_quat(snapshot.robot.pose_in_world.quat_xyzw)
                 simulation.command(command_at(stamp, true_yaw))
-            # odometry comes at ODOMETRY_RATE, and also with each scan, which needs no messages
+            # a snapshot with a scan also has odometry, but messages are written only at their own rates
             if odometry is not None:
                 if step % truth_steps == 0:
                     yield snapshot, TRUTH_TOPIC, conversions.truth_to_msg(snapshot.robot, stamp, WORLD, BASE)
