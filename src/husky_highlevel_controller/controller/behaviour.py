@@ -407,7 +407,7 @@ def _forced_wait(
     The clocks may differ, odometry may have stopped, the lidar may be covered, or the pillar may be a person.
 
     Args:
-        controller_state: state with the track of this scan, and with `odom_at`.
+        controller_state: state with the track and `odom_at` of this scan.
         observation: the scan, and the offset of its clock.
         target: pillar in base_link, seen or remembered; None if its position is unknown.
         has_return: whether any beam of the scan has a return.

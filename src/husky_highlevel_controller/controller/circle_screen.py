@@ -291,14 +291,15 @@ def _sampled_beams(
     half_width = half_angle / step
     # index of the beam that would point to the centre; it is usually not a whole number
     centre = 0.5 * (fits.first + fits.last) + np.arctan2(fits.y, fits.x) / scan.angle_increment
-    # the first beam of the scan that should meet the circle, and the limit of the indices of such beams
-    first = np.maximum(np.ceil(centre - half_width), 0.0)
-    limit = np.minimum(centre + half_width, len(scan.ranges) - 1.0)
-    # Each of the S rows has _SAMPLES indices of beams, from `first` on, in equal steps of 1 or more. If fewer
-    # than _SAMPLES beams should meet the circle, the last indices of a row are above `limit`.
-    stride = np.maximum((limit - first) / _SAMPLES, 1.0)
-    samples = np.floor(first[:, None] + stride[:, None] * np.arange(_SAMPLES))
+    # smallest and largest index of the beams of the scan that should meet the circle; `largest` need not be
+    # a whole number, because it is only a limit for whole numbers
+    smallest = np.maximum(np.ceil(centre - half_width), 0.0)
+    largest = np.minimum(centre + half_width, len(scan.ranges) - 1.0)
+    # Each of the S rows has _SAMPLES indices of beams, from `smallest` on, in equal steps of 1 or more. If
+    # fewer than _SAMPLES beams should meet the circle, the last indices of a row are above `largest`.
+    stride = np.maximum((largest - smallest) / _SAMPLES, 1.0)
+    samples = np.floor(smallest[:, None] + stride[:, None] * np.arange(_SAMPLES))
     angle = (samples - centre[:, None]) * step
     is_own = (samples >= fits.first[:, None]) & (samples <= fits.last[:, None])
-    is_counted = (samples <= limit[:, None]) & ~is_own
+    is_counted = (samples <= largest[:, None]) & ~is_own
     return samples, angle, is_counted

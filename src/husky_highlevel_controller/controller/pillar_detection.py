@@ -324,8 +324,8 @@ def _indices_between(first: int, last: int, count: int, omitted: Optional[np.nda
 def _excess(ranges: np.ndarray, angle: np.ndarray, distance: float, radius: float) -> np.ndarray:
     """Return the ranges minus the ranges at which the beams should meet a circle [m].
 
-    The result is negative if a beam ends in front of the circle. If a beam misses the circle, its point that
-    is nearest to the centre takes the place of the point at which it should meet the circle.
+    The result is negative if a beam ends in front of the circle. A beam that misses the circle is compared
+    with the point on its line that is nearest to the centre.
 
     Args:
         ranges: ranges of the beams [m].

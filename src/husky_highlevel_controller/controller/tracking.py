@@ -211,9 +211,9 @@ def _walks(track: Track, pillar: Pillar) -> bool:
 def _confirmed_if_watched(track: Track, laser_in_odom: Pose) -> Track:
     """Confirm the track if the pillar stood still for WATCH_TIME, or was seen from positions BASELINE apart.
 
-    The time since the anchor's estimate counts, and the distance of the lidar from the anchor's position.
-    After WATCH_TIME the present estimate and position become the new anchor. The caller has already given up
-    a pillar that does not stand still.
+    The track's anchor is an earlier estimate, and the position of the lidar at that time. The time and the
+    distance are counted from the anchor. After WATCH_TIME, the present estimate and position are the new
+    anchor. The caller has already given up a pillar that does not stand still.
     """
     assert track.estimate is not None
     assert track.anchor is not None

@@ -91,7 +91,7 @@ class Localization:
         # a reading that is older than the pose of `set_pose` is ignored
         if reading.stamp > self._pose_set_at:
             heapq.heappush(self._waiting_readings, (reading.stamp, name, reading, mounting))
-        # no reading up to this time can come any more, so all waiting readings up to this time are processed
+        # the filter waits for no further reading up to this time, so all readings up to then are processed
         horizon = self._horizon(self._sensors if silent is None else silent)
         due_estimates = []
         while self._waiting_readings and self._waiting_readings[0][0] <= horizon:
