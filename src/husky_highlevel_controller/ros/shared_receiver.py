@@ -38,7 +38,7 @@ class SharedReceiver:
     def __init__(self) -> None:
         """Start the thread, without a connection."""
         self._epoll = select.epoll()  # tells on which sockets data have come
-        # connection and callback of each socket, by the number of its file
+        # connection of each socket, and the function that gets its messages, by the socket's file descriptor
         self._connections: Dict[int, Tuple[TCPROSTransport, MessagesCallback]] = {}
         self._lock = threading.Lock()  # held while a connection is added or removed
         threading.Thread(target=self._run, name="receiver", daemon=True).start()
@@ -58,9 +58,9 @@ class SharedReceiver:
             _deliver(connection, callback)
             with self._lock:
                 self._connections[sock.fileno()] = connection, callback
-                # EPOLLET lets `poll` return the sockets in the order in which their data came. Without it, a
-                # socket that `poll` has returned would stay first, also before a socket with older data.
-                # `poll` also returns this socket if its data came before this call.
+                # With EPOLLET, `poll` returns the sockets in the order in which their data came, and each
+                # socket only once until new data come. It returns this socket, too, if its first data came
+                # before this call.
                 self._epoll.register(sock.fileno(), select.EPOLLIN | select.EPOLLET)
         except Exception as error:
             _give_back(connection, callback, error)
@@ -68,18 +68,20 @@ class SharedReceiver:
     def _run(self) -> None:
         """Wait for data, and deliver the messages, until the node is shut down."""
         while not rospy.core.is_shutdown():
-            # each number is the file descriptor of a socket on which data have come
-            for number, _ in self._epoll.poll(SHUTDOWN_POLL_PERIOD):
-                entry = self._connections[number]
+            # each descriptor is the file descriptor of a socket on which data have come
+            for descriptor, _ in self._epoll.poll(SHUTDOWN_POLL_PERIOD):
+                entry = self._connections[descriptor]
+                connection, callback = entry
                 try:
-                    _receive(*entry)
+                    _receive(connection, callback)
                 except Exception as error:
                     with self._lock:
-                        # if another thread has closed the socket, its number may belong to a new connection
-                        if self._connections[number] is entry:
+                        # If another thread has closed the socket meanwhile, a new connection may have got the
+                        # same descriptor. The new connection must stay registered.
+                        if self._connections[descriptor] is entry:
                             with contextlib.suppress(OSError):  # a closed socket is no longer registered
-                                self._epoll.unregister(number)
-                    _give_back(*entry, error)
+                                self._epoll.unregister(descriptor)
+                    _give_back(connection, callback, error)
 
 
 def _receive(connection: TCPROSTransport, callback: MessagesCallback) -> None:
@@ -111,11 +113,11 @@ def _deliver(connection: TCPROSTransport, callback: MessagesCallback) -> None:
     connection.protocol.read_messages(connection.read_buff, messages, connection.socket)
     if not messages:
         return
-    connection.stat_num_msg += len(messages)  # one of rospy's statistics
+    connection.stat_num_msg += len(messages)  # rospy's count of received messages
     for message in messages:
         message._connection_header = connection.header
     if connection.is_latched:
-        connection.latch = messages[-1]
+        connection.latch = messages[-1]  # rospy gives this message to callbacks that are added later
     if not connection.done and not rospy.core.is_shutdown():
         callback(messages, connection)
 

@@ -23,7 +23,7 @@ from __future__ import annotations
 import socket
 import threading
 import time
-from typing import Any, List
+from typing import Any, List, Optional
 
 import rospy.core
 import rospy.topics
@@ -42,14 +42,17 @@ class PromptConnection(QueuedConnection):
     connection (`_run`). Later messages wait in rospy's queue until this thread has sent all earlier ones.
     """
 
-    # these attributes and `_lock` are made by rospy's class
+    # these attributes are made by rospy's class
     _connection: Any  # rospy's plain connection to the subscriber; its `write_data` waits until all is sent
-    _queue: List[bytes]  # messages that wait
+    _queue: List[bytes]  # messages that the thread of `_run` must send after `_unsent`
+    _lock: threading.Lock  # held while `_queue`, `_unsent` or `_error` is used
+    _cond_data_available: threading.Condition  # condition of `_lock`; wakes the thread of `_run`
+    _error: Optional[Exception]  # error of the thread of `_run`; rospy's `write_data` raises it
 
     def __init__(self, connection: Any, queue_size: int) -> None:
         """Make a connection with an empty queue."""
         self._write_lock = threading.Lock()  # held by the thread that writes to the socket
-        self._unsent = b""  # rest of a message of which only the first part was sent
+        self._unsent = b""  # rest of a message of which only the first part was sent; empty if there is none
         # must come last, because rospy's constructor starts the thread, which uses the attributes above
         super().__init__(connection, queue_size)
 
@@ -58,10 +61,13 @@ class PromptConnection(QueuedConnection):
         # if another thread holds the lock, it is writing to the socket, so this message goes into the queue
         if self._write_lock.acquire(blocking=False):
             try:
-                if not self._queue and not self._unsent and self._connection.socket is not None:
+                has_earlier_data = self._queue or self._unsent  # must be sent before this message
+                is_closed = self._connection.socket is None
+                if not has_earlier_data and not is_closed:
                     return self._send(data)
             finally:
                 self._write_lock.release()
+        # rospy's method puts the message into the queue, and wakes the thread of `_run`
         return bool(super().write_data(data))
 
     def _send(self, data: bytes) -> bool:
@@ -93,25 +99,29 @@ class PromptConnection(QueuedConnection):
         """
         while not self._connection.done:
             with self._lock:
-                # wait until there is something to send; `_cond_data_available` releases `_lock` meanwhile
                 while not self._queue and not self._unsent and not self._connection.done:
-                    self._cond_data_available.wait()
-            # while this lock is held, no later message can be written before the messages in the queue
+                    self._cond_data_available.wait()  # releases `_lock` during the wait
+            # While this thread holds `_write_lock`, `write_data` puts new messages into the queue. So no new
+            # message is written before the older messages that are taken here.
             with self._write_lock:
-                with self._lock:
-                    waiting = self._queue
-                    if self._unsent:  # this must come first, because it is the rest of an older message
-                        waiting = [self._unsent, *waiting]
-                    self._unsent, self._queue = b"", []
-                for data in waiting:
+                for data in self._take_waiting():
                     try:
                         # this method of rospy's plain connection waits until the socket has taken the data
                         self._connection.write_data(data)
                     except Exception as error:
-                        # rospy raises this error when a later message is published. The loop goes on, as in
-                        # rospy, because a further write to a closed connection fails at once.
+                        # The loop goes on, as in rospy, because a further write to a closed connection fails
+                        # at once. The next `write_data` that uses the queue raises the error.
                         with self._lock:
                             self._error = error
+
+    def _take_waiting(self) -> List[bytes]:
+        """Return all data that wait, oldest first; afterwards, `_unsent` and the queue are empty."""
+        with self._lock:
+            waiting = self._queue
+            if self._unsent:  # this comes first, because it is the rest of an older message
+                waiting = [self._unsent, *waiting]
+            self._unsent, self._queue = b"", []  # rest of a message, and the messages after it
+        return waiting
 
 
 def _read_header(sock: socket.socket, buffer: Any, size: int) -> Any:
@@ -130,8 +140,9 @@ def _accept(server: tcpros_base.TCPROSServer, sock: socket.socket, address: Any)
 def _start(node: XmlRpcNode) -> None:
     """Start the server of a node, and wait until the node is registered with the master.
 
-    This function replaces XmlRpcNode.start (see `replace_transport`). rospy waits for the registration after
-    the start, too, but it looks only every 0.1 s. After this wait, rospy's wait is over at its first look.
+    This function replaces XmlRpcNode.start (see `replace_transport`), which does not wait.
+    `rospy.init_node` calls `start`, and then tests every 0.1 s whether the node is registered. When this
+    function returns, the node is registered, so the first of these tests succeeds. This saves up to 0.1 s.
     """
     handler = node.handler
     _START(node)
