@@ -42,10 +42,9 @@ PATH_POINTS = 1000  # largest number of points of the driven path; if there are 
 ABOVE_ROBOT = 1.0  # [m] height above base_link of the text with the state, if no pillar is known
 TEXT_ANGLE = 0.022  # [rad] angle that the height of the text covers in the view of RViz's camera
 CAMERA_BEHIND = 8.0  # [m] distance of RViz's camera from the robot in rviz/controller.rviz
-# Factor on the size of the cylinder in the laser's frame. Without it, this cylinder and the cylinder in odom
-# would be equal and flicker in RViz. With it, this cylinder is inside the cylinder in odom, and visible only
-# if that cylinder is switched off. In the world, the simulator draws the pillar with a factor of 0.95. This
-# factor is larger, because otherwise that pillar would hide this cylinder.
+# The cylinder IN_LASER is drawn smaller than the cylinder IN_ODOM by this factor, because two equal cylinders
+# flicker in RViz. So IN_LASER is visible only while IN_ODOM is switched off. The factor is larger than 0.95,
+# because the simulator draws its pillar with 0.95 of the real size, and this pillar must not hide IN_LASER.
 INNER_SCALE = 0.98
 DISC_HEIGHT = 0.02  # [m]
 # [m] smallest distance from the pillar to the rim of the disc that shows the uncertainty of the pillar's
@@ -82,9 +81,9 @@ class Display:
             self._marker_publisher: set(),
             self._array_publisher: set(),
         }
-        # stamp [s] and state of the last array of markers; the next array is sent after ARRAY_PERIOD, or when
-        # the state changes
+        # [s] stamp of the scan that the last array of markers shows; -inf if the next array is due at once
         self._array_stamp = -inf
+        # state of the controller that the last array of markers shows; None before the first array
         self._array_state: Optional[State] = None
         # arguments of the last `show`, repeated for a subscriber that comes later
         self._last_shown: Optional[Tuple[Observation, ControlOutput, float, float]] = None
@@ -116,7 +115,7 @@ class Display:
         if self._new_subscribers.take():
             with self._lock:
                 if self._last_shown is not None:
-                    self._array_stamp = -inf  # otherwise ARRAY_PERIOD would leave the array out
+                    self._array_stamp = -inf  # the array is due at once, also before ARRAY_PERIOD is over
                     self._show(*self._last_shown)
 
     def _show(
@@ -128,10 +127,13 @@ class Display:
         every ARRAY_PERIOD, and at once if the state has changed.
         """
         stamp = observation.scan.stamp
-        if stamp < self._array_stamp:  # time went back, because the simulator was started again
-            self._path.clear()
-            self._array_stamp = -inf  # the next array is due at once
-        if output.moved:  # the robot was put elsewhere, or odom was reset
+        # the stamps of scans only become smaller if the simulator was started again
+        has_time_gone_back = stamp < self._array_stamp
+        if has_time_gone_back:
+            self._array_stamp = -inf  # the array is due at once
+        # `moved`: the robot was put elsewhere, or odom was reset. A new path begins, because the robot has
+        # not driven from the last point of the path to its new place.
+        if has_time_gone_back or output.moved:
             self._path.clear()
         if observation.base_in_odom is not None:
             self._extend_path(observation.base_in_odom)
@@ -139,8 +141,9 @@ class Display:
             pillars = _pillar_markers(observation, output, self._ground_height, pillar_height)
             for each in self._with_deletions(self._marker_publisher, pillars, stamp):
                 publish(self._marker_publisher, each)
-        is_due = output.state is not self._array_state or stamp >= self._array_stamp + ARRAY_PERIOD
-        if is_due and self._array_publisher.get_num_connections():
+        has_state_changed = output.state is not self._array_state
+        is_array_due = has_state_changed or stamp >= self._array_stamp + ARRAY_PERIOD
+        if is_array_due and self._array_publisher.get_num_connections():
             self._publish_array(observation, output, stop_distance, pillar_height)
             self._array_stamp, self._array_state = stamp, output.state
         self._publish_numbers(stamp, output)
@@ -150,7 +153,11 @@ class Display:
     ) -> None:
         """Publish the markers of the estimate, the stop point, the state and the driven path as one message.
 
-        The arguments are those of `show`.
+        Args:
+            observation: the scan, and where its lidar was.
+            output: the answer to the scan.
+            stop_distance: distance from the lidar to the pillar's surface at the stop [m].
+            pillar_height: height of the pillar's top above the ground [m].
         """
         stamp = observation.scan.stamp
         markers = _estimate_markers(observation, output, stop_distance)
