@@ -105,14 +105,14 @@ class Camera:
         """Set `_offset` from the pose that the page has reported, if its mouse has moved the camera.
 
         The mouse has moved the camera if the page reports a position that was not sent to the page. After a
-        jump, reports that are still from before the jump do not count.
+        jump, reports do not count until the page has reported a position from after the jump.
         """
         camera = self._client.camera
         position = camera.position.tolist()
         if any(dist(position, sent) < SAME for sent in self._sent):  # the mouse has not moved the camera
             self._has_jump_arrived = True
             return
-        if not self._has_jump_arrived:  # the report is from before the jump
+        if not self._has_jump_arrived:  # the report may be from before the jump
             return
         w, x, y, z = camera.wxyz.tolist()
         # direction from the target to the camera; a camera looks along its own z axis, so its -z axis points

@@ -44,7 +44,7 @@ def set_speed(teleop: Teleop, limit: str, high: float, event: Any) -> None:
 
 
 class HoldToDrive:
-    """Arbitrates between pages: the first one keeps control until it releases it or times out (EXPIRY)."""
+    """Decides which page drives: the first one, until it releases control or sends nothing for EXPIRY."""
 
     def __init__(self) -> None:
         self._holder: Optional[int] = None  # number of the page that has control; None if no page has it
