@@ -63,12 +63,12 @@ class BagPlayer:
             if snapshot.stamp > now:
                 now = snapshot.stamp
                 due = wall_time_of_zero + now / self._pace  # [s] wall time at which this message is due
-                delay = time.monotonic() - due  # [s] negative if this message is not yet due
-                time.sleep(max(0.0, -delay))
-                if delay > 0.0:
+                time_left = due - time.monotonic()  # [s] negative if the player is late
+                time.sleep(max(0.0, time_left))
+                if time_left < 0.0:
                     # The player does not catch up, because a filter cannot follow many messages at once. So
                     # all later messages are due later by the same time.
-                    wall_time_of_zero += delay
+                    wall_time_of_zero -= time_left
                 publish(clock, Clock(time_to_msg(now)))
             if rospy.is_shutdown():
                 return

@@ -65,7 +65,8 @@ def command_at(stamp: float, yaw: float) -> Twist2D:
     lap_time = middle - STANDING_TIME  # [s]
     turn_direction = 1.0 if stamp < middle else -1.0
     planned_rate = 2.0 * pi / lap_time * turn_direction  # [rad/s]
-    planned_yaw = planned_rate * (stamp - middle)  # [rad]; 0 at the end of the first lap
+    # [rad] in the middle of the drive, after one whole turn, the robot has its first heading 0 again
+    planned_yaw = planned_rate * (stamp - middle)
     return Twist2D(SPEED, planned_rate + STEERING_GAIN * wrap_angle(planned_yaw - yaw))
 
 
@@ -86,19 +87,25 @@ def _equip(name: str, ground: str) -> Tuple[SimulatorConfig, RobotModel]:
 def messages_of_drive(
     name: str, ground: str, seed: int, duration: float
 ) -> Iterator[Tuple[Snapshot, str, Any]]:
-    """Simulate the drive of exercise 4, and yield its messages: snapshot of the moment, topic, message.
+    """Simulate the drive of exercise 4, and yield its messages in the order of time.
 
     Args:
         name: name of the robot, one of ROBOTS.
         ground: one of GROUNDS; it matters only for a robot whose real drivers are simulated, as the Husky's.
         seed: random seed of all noise.
         duration: simulated time after which the messages end [s].
+
+    Yields:
+        Snapshot from which the message was made, topic, and message.
     """
     config, robot = _equip(name, ground)
     rate = config.physics_rate  # [Hz]
-    wheel_rate = config.real.base.control_rate if config.real else ODOMETRY_RATE  # [Hz]
-    # numbers of physics steps from one message to the next of the same kind, or from one command to the next
-    truth_steps, points_steps, wheel_steps = rate // ODOMETRY_RATE, rate // POINTS_RATE, rate // wheel_rate
+    # [Hz] the base of a real robot reports its wheels less often than Gazebo
+    wheel_rate = config.real.base.control_rate if config.real else ODOMETRY_RATE
+    # number of physics steps from one message to the next of the same kind, or from one command to the next
+    truth_steps = rate // ODOMETRY_RATE
+    points_steps = rate // POINTS_RATE
+    wheel_steps = rate // wheel_rate
     command_steps = round(rate * COMMAND_PERIOD)
     wheel_topic, imu_frame = f"/{config.robot.topics.wheel_odometry}", config.robot.imu_mount.frame
     with closing(Simulation(load_world(WORLD_FILE), robot, config, Pose2D(), seed)) as simulation:
