@@ -8,7 +8,7 @@ the MD5 sums of the messages with the published sums of gazebo_msgs 2.9.2.
 from __future__ import annotations
 
 import os
-from typing import Any, Optional, Tuple
+from typing import Any, Callable, Optional, Tuple
 
 import rospy
 from gazebo_msgs.msg import ModelStates
@@ -150,7 +150,7 @@ class GazeboServices:
         self._simulation.delete(self._model_name(request.model_name, "model_name"))
         return f"'{request.model_name}' was deleted"
 
-    def _ask_simulation(self, read: Any, data: str) -> Tuple[Any, str]:
+    def _ask_simulation(self, read: Callable[[], Any], data: str) -> Tuple[Any, str]:
         """Read something in the simulation's thread, and tell the recorder of a graded run about it.
 
         Args:

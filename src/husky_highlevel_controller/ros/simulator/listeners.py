@@ -144,12 +144,12 @@ class Listeners:
         if topic_ports | clock_ports == self._ports:
             return
         self._ports = topic_ports | clock_ports
-        # connections to processes on other machines are missing in this dictionary
         process_by_ports = _receiving_processes(self._ports)
-        self._topic_receivers = {process_by_ports[ports] for ports in topic_ports & process_by_ports.keys()}
-        self._clock_receivers = {process_by_ports[ports] for ports in clock_ports & process_by_ports.keys()}
+        ports_here = process_by_ports.keys()  # ports of the connections to processes on this machine
+        self._topic_receivers = {process_by_ports[ports] for ports in topic_ports & ports_here}
+        self._clock_receivers = {process_by_ports[ports] for ports in clock_ports & ports_here}
         # false also if there is no receiver, because `asleep` then has no controller to look at
-        self._sees_all_receivers = bool(topic_ports) and topic_ports <= process_by_ports.keys()
+        self._sees_all_receivers = bool(topic_ports) and topic_ports <= ports_here
         self._can_check_turns = COUNTS_TURNS and all(map(_in_python, process_by_ports.values()))
         for threads in self._processes.values():
             threads.close()

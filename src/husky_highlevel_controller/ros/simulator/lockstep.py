@@ -291,9 +291,9 @@ class Lockstep:
         self._wait_or_end_lockstep(is_over, ANSWER_TIMEOUT, missing="no command answers the scan")
         was_nudged = attempted_at is not None and not is_before_first_command
         if was_nudged and self._mode not in (Mode.SLEEPING, Mode.FREE):
-            # The command came only after the nudge. So the controller sleeps between two commands until a
-            # simulated time, and works at a tick. From now on, the simulator waits at each tick until the
-            # controller has worked.
+            # The command came only after the nudge. So the controller sleeps by simulated time between two
+            # commands, and wakes when the clock moves. From now on, the simulator waits at each tick until
+            # the controller has done its work.
             self._mode = Mode.ALWAYS_WATCHED
 
     def _wait_until_idle(self, meanwhile: Callable[[], None]) -> None:
