@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import threading
 import time
+from enum import Enum
 from math import hypot, inf, isqrt
 from typing import Any, Dict, List, Optional, Sequence, Tuple
 
@@ -48,6 +49,17 @@ REPORT_PERIOD = 5.0  # [s] time between two warnings of one kind about a topic
 OFF_PLANE = 1e-6
 # index of the rows and columns of x, y and yaw in a (6, 6) covariance of x, y, z, roll, pitch and yaw
 PLANE = np.ix_(ON_PLANE, ON_PLANE)
+# values in `LocalizationNode._heard_at` in place of a wall time
+NOW = inf  # an input whose message is just being taken; later than any time, so the input is not silent
+LONG_AGO = 0.0  # an input without a usable message; the input is silent
+
+
+class _Fate(Enum):
+    """Fate of a message of an input."""
+
+    USED = "used"  # the filter has accepted the message, or a message of the input that was held until now
+    HELD = "held"  # the message waits until TF has the frame of the sensor
+    IGNORED = "ignored"  # the message is not usable, and a warning was logged
 
 
 class LocalizationNode:
@@ -95,28 +107,27 @@ class LocalizationNode:
         self._last_time = 0.0  # [s] largest ROS time at which a message has come
         # messages of each input that wait for a transform, oldest first
         self._held_messages: Dict[str, List[Any]] = {name: [] for name in self._config.inputs}
-        self._first_heard_at = 0.0  # [s] wall time of the first message; an input may be silent since then
-        # [s] Wall time of the last message of each input that was not ignored. `_is_silent` reads it, because
-        # the filter does not wait for the measurements of an input that has been silent for too long.
+        # [s] wall time of the first message of any input; 0 before this message
+        self._first_heard_at = 0.0
+        # [s] wall time of the last usable message of each input, or NOW, or LONG_AGO; the filter does not
+        # wait for an input that has been silent for too long (see `_is_silent`)
         self._heard_at: Dict[str, float] = {}
 
     def _on_message(self, msg: Any, name: str) -> None:
-        """Note that an input has sent a message, and take the message (see `_take`).
+        """Take a message of an input (see `_take`), and note in `_heard_at` that the input is not silent.
 
-        The time of the message is kept in `_heard_at`, except if the message is ignored or held, because the
-        filter must not wait for such an input. If the clock has gone back by more than CLOCK_BACK, the filter
-        starts again before it gets the message.
+        A message that is ignored or held does not count. Otherwise the filter would wait forever for the
+        readings of an input that sends only such messages. If the clock has gone back by more than
+        CLOCK_BACK, the filter starts again before it gets the message.
 
         Args:
             msg: Odometry or Imu.
             name: name of the input in the parameters, such as odom0.
         """
-        heard_before = self._heard_at.get(name, 0.0)
-        # the input has just sent a message, so it must not count as silent while this thread waits for the
-        # lock; inf is later than any time
-        self._heard_at[name] = inf
+        heard_before = self._heard_at.get(name, LONG_AGO)
+        self._heard_at[name] = NOW  # the input must not count as silent while this thread waits for the lock
         with self._lock:
-            # the time is read under the lock, because a fast bag may advance by seconds while this thread
+            # the ROS time is read under the lock, because a fast bag may advance by seconds while this thread
             # waits
             now = rospy.get_time()
             if now < self._last_time - CLOCK_BACK:
@@ -125,57 +136,47 @@ class LocalizationNode:
                 )
                 # this call also sets `_last_time` to 0, and forgets when messages of the inputs came
                 self._start_filter()
-                heard_before = 0.0
+                heard_before = LONG_AGO
             self._last_time = max(now, self._last_time)
             self._heard_at[name] = time.monotonic()
             if self._first_heard_at == 0.0:  # this is the first message of any input since the start
                 self._first_heard_at = self._heard_at[name]
-            if not self._take(msg, name, now):
-                self._ignore(name, heard_before)
+            fate = self._take(msg, name, now)
+            if fate is _Fate.HELD:
+                self._heard_at[name] = LONG_AGO
+            if fate is _Fate.IGNORED:
+                # NOW means that another thread took a message of this input at the same time; then the time
+                # of the last usable message is unknown
+                self._heard_at[name] = LONG_AGO if heard_before == NOW else heard_before
 
-    def _take(self, msg: Any, name: str, now: float) -> bool:
-        """Give a message to the filter, or hold it until TF has the frame of the sensor.
+    def _take(self, msg: Any, name: str, now: float) -> _Fate:
+        """Give a message to the filter, or hold it until TF has the frame of the sensor, or ignore it.
 
         Up to QUEUE messages of each input are held. When TF has the frame, the filter gets them before this
-        message. An input whose message is held counts as silent, so that the filter does not wait for it.
+        message. A message is ignored if its stamp is more than MAX_AHEAD after the clock, or if the filter
+        accepts neither this message nor a held one.
 
         Args:
             msg: Odometry or Imu.
             name: name of the input.
             now: ROS time [s].
-
-        Returns:
-            False if the message is ignored, because its stamp is more than MAX_AHEAD after the clock, or
-            because the filter accepts neither the message nor a held one.
         """
         stamp = msg.header.stamp.to_sec()
         if stamp > now + MAX_AHEAD:
             sentence = f"its stamp is {stamp:.3f} s at {now:.3f} s, so it is ignored"
             self._complain(name, kind="clock", sentence=sentence)
-            return False
+            return _Fate.IGNORED
         held = self._held_messages[name]
         held.append(msg)
         # poses of the frames of this message; None if TF does not have them yet
         mounting = self._mounting(msg, name)
         if mounting is None:
-            self._heard_at[name] = 0.0
             del held[:-QUEUE]  # only the last QUEUE messages are kept
-            return True
+            return _Fate.HELD
         self._held_messages[name] = []
         # all messages are given to the filter, oldest first; the message of this call is the last
         accepted = [self._add(name, message, mounting) for message in held]
-        return any(accepted)
-
-    def _ignore(self, name: str, heard_before: float) -> None:
-        """Undo that an input was heard, because its message is ignored.
-
-        Otherwise an input that sends only such messages would never become silent, and the filter would wait
-        for it forever. `heard_before` is the wall time of its last good message [s].
-        """
-        # While a thread takes a message of the input, its value in `_heard_at` is inf. So if `heard_before`
-        # is inf, two threads handled messages of this input at the same time. The time of the last good
-        # message is then unknown. The time 0 makes the input silent until a good message comes.
-        self._heard_at[name] = heard_before if heard_before < inf else 0.0
+        return _Fate.USED if any(accepted) else _Fate.IGNORED
 
     def _add(self, name: str, msg: Any, mounting: Mounting) -> bool:
         """Give one reading to the filter, publish new estimates, and return whether the filter accepts it.
@@ -214,19 +215,18 @@ class LocalizationNode:
         """Return where a sensor is mounted: the poses of its message's frames in the frames of the filter.
 
         An IMU has one frame. A message of odometry has two: the frame of its velocities, and the frame of its
-        pose. The result is None, with a warning, if TF does not have one of them.
+        pose. The result is None, with a warning, if TF does not have a frame that the filter needs.
         """
         options, item = self._config.options, self._config.inputs[name]
         sensor = msg.header.frame_id if isinstance(msg, Imu) else msg.child_frame_id
-        # the frame of the sensor is always needed, because the velocities are in it
+        # the frame of the sensor is always needed, because the measured velocities are in this frame
         sensor_in_base = self._pose(options.base_link_frame, sensor, name)
         if sensor_in_base is None:
             return None
-        # The frame of the pose is needed only if the filter uses a part of the pose as it is. `config[:6]`
-        # says whether it uses x, y, z, roll, pitch and yaw. With `differential`, it uses only the difference
-        # of two poses, which needs no frame.
-        uses_pose = isinstance(msg, Odometry) and any(item.config[:6]) and not item.differential
-        if not uses_pose:
+        # `config[:6]` says whether the filter uses x, y, z, roll, pitch and yaw of the pose. With
+        # `differential`, the filter uses only the motion from pose to pose, which is the same in every frame.
+        needs_pose_frame = isinstance(msg, Odometry) and any(item.config[:6]) and not item.differential
+        if not needs_pose_frame:
             return Mounting(sensor_in_base)
         pose_frame_in_odom = self._pose(options.odom_frame, msg.header.frame_id, name)
         if pose_frame_in_odom is None:
@@ -321,14 +321,14 @@ def _reading_of_imu(msg: Imu) -> Reading:
     has_rates = msg.angular_velocity_covariance[0] != -1.0
     has_forces = msg.linear_acceleration_covariance[0] != -1.0
     attitude = _unit(msg.orientation) if has_attitude else None  # None for zeros, too
-    # linear velocity [m/s] and angular velocity [rad/s]; an IMU does not measure the first, so it is zeros,
-    # which the filter does not use
-    rates = np.array([0.0, 0.0, 0.0, *_numbers(msg.angular_velocity)])
+    # linear velocity [m/s] and angular velocity [rad/s]; an IMU measures no linear velocity, so the first
+    # three numbers are 0, and the filter does not use them
+    velocity = np.array([0.0, 0.0, 0.0, *_numbers(msg.angular_velocity)])
     return Reading(
         msg.header.stamp.to_sec(),
         pose=Pose(quat_xyzw=attitude) if attitude else None,  # an IMU has no position, so it stays 0
         pose_covariance=_covariance_of_angles(msg.orientation_covariance),
-        velocity=rates if has_rates else None,
+        velocity=velocity if has_rates else None,
         velocity_covariance=_covariance_of_angles(msg.angular_velocity_covariance),
         specific_force=np.array(_numbers(msg.linear_acceleration)) if has_forces else None,
         force_covariance=_square(msg.linear_acceleration_covariance),
