@@ -100,8 +100,8 @@ class ScanPlacement:
         self._stamp_when_overdue: Optional[rospy.Time] = None
         self._clock_offset = ClockOffset(MIN_OFFSET)  # measures how far the scans' clock is from odometry's
         self._unplaced_scans = 0  # number of scans in a row without a pose of the lidar
-        # frame of the lidar and its pose in base_link, if the pose is fixed; None if /tf_static does not have
-        # it
+        # fixed pose of the lidar: the frame of the lidar, and its pose in base_link; None if the pose is not
+        # fixed, or not yet known
         self._static_mount: Optional[Tuple[str, Pose]] = None
 
     def add(self, scan: Scan, stamp: rospy.Time) -> None:
@@ -115,8 +115,7 @@ class ScanPlacement:
             # 0 means that TF has no odometry yet, or that its transform is static, which has no stamp
             if odometry_stamp > 0.0:
                 self._clock_offset.add_reference(odometry_stamp)
-            # measures how far the scans' clock is ahead of odometry's clock, from the stamps of both that
-            # come in the same window of wall time
+            # the stamps of odometry and of scans together show how far the two clocks differ
             self._clock_offset.add(scan.stamp, self._clock())
             pending = self._pending_scan
             # time goes back when the simulator is started again
@@ -124,8 +123,8 @@ class ScanPlacement:
             if pending is None or has_time_gone_back:
                 self._pending_scan, self._next_scan = _PendingScan(scan, stamp, self._clock()), None
             elif stamp != pending.stamp:
-                # this scan is newer than the pending scan; a scan with an equal stamp is the pending scan
-                # itself, which the simulator may send again
+                # This scan is newer than the pending scan. A scan with an equal stamp is ignored, because the
+                # simulator may send the pending scan again.
                 self._next_scan = _PendingScan(scan, stamp, self._clock())
         self.update()
 
@@ -220,18 +219,19 @@ class ScanPlacement:
         newest_stamp = latest.header.stamp
         if newest_stamp == stamp:
             return False, latest
-        has_passed = newest_stamp > stamp
-        # A newest stamp of 0 has two possible meanings. If the transform is fixed (static), it is valid at
-        # all stamps, so TF also has it at the stamp of the scan. If it comes from the beginning of simulated
-        # time, TF does not have it at the stamp of the scan, and the scan waits for a newer transform.
-        if has_passed or newest_stamp.is_zero():
-            exact = self.lookup(ODOM, BASE, stamp)
-            if exact is not None:
-                return False, exact
-        if has_passed:  # TF has moved on, so the transform at the stamp no longer comes
-            return False, latest
-        # The scan is newer than the latest transform. The stamps differ by the age of the transform, and by
-        # the time by which the scans' clock is ahead, which does not count as age.
+        if newest_stamp > stamp:
+            # TF is already past the stamp of the scan. If TF has no transform at this stamp now, none will
+            # come.
+            return False, self.lookup(ODOM, BASE, stamp) or latest
+        # From here on, the scan is newer than the latest transform.
+        if newest_stamp.is_zero():
+            # A fixed transform has the stamp 0, and TF has it at every stamp. A moving transform has the
+            # stamp 0 only at the beginning of simulated time. TF does not have it at the stamp of the scan.
+            fixed = self.lookup(ODOM, BASE, stamp)
+            if fixed is not None:
+                return False, fixed
+        # The stamps differ by the age of the transform, and by the time by which the scans' clock is ahead,
+        # which does not count as age.
         age = (stamp - newest_stamp).to_sec() - self.ahead_of_odometry  # [s]
         is_old = age > MAX_AGE and not newest_stamp.is_zero()
         best = None if is_old else latest
