@@ -11,6 +11,7 @@ import ast
 import re
 
 BEGIN = "Could not process inbound connection: "  # rospy's words before the reason and the header
+# finds BEGIN and two groups: `reason`, and then `header`, which is a dictionary such as {'topic': '/scan'}
 _LINE = re.compile(rf"{BEGIN}(?P<reason>[^{{]*)(?P<header>\{{'.*'\}})")
 
 
@@ -20,7 +21,7 @@ def shorten(line: str) -> str:
     if found is None:
         return line
     try:
-        # rospy writes the header of the connection as a dictionary in Python
+        # `callerid` is the name of the node that cannot connect, and `topic` is the topic of the connection
         header = ast.literal_eval(found["header"])
         sentence = f"{header['callerid']} cannot connect to {header['topic']}: {found['reason']}"
     except (ValueError, SyntaxError, KeyError, TypeError, MemoryError, RecursionError):

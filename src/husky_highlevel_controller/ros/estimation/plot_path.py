@@ -21,7 +21,7 @@ from husky_highlevel_controller.datatypes import HuskyError
 from husky_highlevel_controller.drawing.plots import draw_paths
 
 KIND = "nav_msgs/Odometry"
-Points = List[Tuple[float, float]]
+Points = List[Tuple[float, float]]  # positions x, y [m] of a path
 
 
 def paths_of_bag(file: Path) -> Dict[str, Points]:
@@ -106,15 +106,19 @@ def _paths(sources: List[str]) -> Dict[str, np.ndarray]:
     """
     files = [source for source in sources if source.endswith(".bag")]
     topics = [source for source in sources if source not in files]
-    # each source as the end of a name, such as "/odom of run.bag" or "/odom now", and its paths by topic
-    paths_by_source = [(f"of {file}", paths_of_bag(Path(file))) for file in files]
+    # pairs: the origin of some paths, which is "of run.bag" for a bag and "now" for all topics together; and
+    # these paths by topic
+    measured: List[Tuple[str, Dict[str, Points]]] = []
+    for file in files:
+        measured.append((f"of {file}", paths_of_bag(Path(file))))
     if topics:
-        paths_by_source.append(("now", paths_of_topics(topics)))
+        measured.append(("now", paths_of_topics(topics)))
     paths: Dict[str, np.ndarray] = {}
-    for source, paths_by_topic in paths_by_source:
+    for origin, paths_by_topic in measured:
         for topic, path in paths_by_topic.items():
             if not path:
                 raise HuskyError(f"no message arrived on {topic}")
-            name = f"{topic} {source}" if topic in paths else topic
+            # such as "/odom" for the first path of this topic, and "/odom of run.bag" for a later one
+            name = f"{topic} {origin}" if topic in paths else topic
             paths[name] = np.array(path)
     return paths

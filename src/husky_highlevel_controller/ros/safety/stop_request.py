@@ -50,9 +50,10 @@ class StopRequest:
         # text that describes the danger of the pending request
         self._dangers: queue.Queue[str] = queue.Queue(maxsize=1)
         self._call_slots = threading.Semaphore(MAX_HUNG_CALLS)  # one slot for each call that is not answered
-        # lock that is held while `pending` and the queue change together
+        # lock of `start`, which several threads call; only one of them may set `pending` and fill the queue
         self._pending_lock = threading.Lock()
-        self.pending = False  # true from the request until the service has answered
+        # true from the request until the service has answered; meanwhile `start` ignores further dangers
+        self.pending = False
 
     def start(self, danger: str) -> None:
         """Request a stop because of a danger, given as text, if none is pending; any thread may call this."""
@@ -63,7 +64,10 @@ class StopRequest:
                 self._dangers.put_nowait(danger)
 
     def run(self, is_shutdown: Callable[[], bool]) -> None:
-        """Serve the requests, one after the other, until the node is shut down."""
+        """Serve the requests, one after the other, until the node is shut down.
+
+        If an error comes while a request is served, the error is logged, and the request is served again.
+        """
         while not is_shutdown():
             try:
                 danger = self._dangers.get(timeout=ZERO_PERIOD)
@@ -72,11 +76,10 @@ class StopRequest:
             while self.pending and not is_shutdown():
                 with contained("the stop of the controller"):
                     self._serve(danger, is_shutdown)
-                    # The next line needs no lock, because `start` changes nothing while `pending` is true. If
-                    # a danger comes just before the next line, `start` ignores the danger. This does no harm,
-                    # because the controller has just been stopped.
+                    # `start` ignores a danger that comes just before this line; this does no harm, because
+                    # the controller has just been stopped
                     self.pending = False
-                if self.pending:  # an error has come before the last line, so the request is served again
+                if self.pending:  # an error has come in `_serve`
                     time.sleep(ZERO_PERIOD)
 
     def _serve(self, danger: str, is_shutdown: Callable[[], bool]) -> None:
@@ -101,7 +104,9 @@ class StopRequest:
     def _failure_of_call(self, zeros_from: float, is_shutdown: Callable[[], bool]) -> Optional[str]:
         """Call the service, and return why the call has failed, or None if it has succeeded.
 
-        While there is no answer, zero commands are sent, but only after the wall time `zeros_from` [s].
+        If the service answers quickly, the controller has stopped the robot, and no zero command is needed.
+        So zero commands are sent only if there is no answer until the wall time `zeros_from` [s]. If the node
+        is shut down during the wait, the call counts as not answered.
         """
         answers = self._start_call()  # queue that gets the reason of a failure, or None for success
         end = time.monotonic() + CALL_TIMEOUT
