@@ -27,7 +27,7 @@ class CallQueue:
     """
 
     def __init__(self, report: Callable[[str], None] = lambda _: None) -> None:
-        """Set up; `report` gets a sentence about each request that changed the world or read true poses."""
+        """Set up without any work."""
         # function that gets a sentence about each request that changed the world or read true poses
         self.report = report
         self._has_changed_world = False  # true if work has changed the world since `take_change`

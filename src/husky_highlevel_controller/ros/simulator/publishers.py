@@ -237,16 +237,17 @@ class Publishers:
             return
         self._transform_connections = connections
         stamp, odometry = self._last_odometry
+        # at time 0, this node sends the wheels even if a robot_state_publisher runs, which sends none then
         with_wheels = self._has_wheels_in_pause(stamp)
         with_base = not self.has_other_filter  # read only once, because another thread may set it now
         if with_base or with_wheels:  # otherwise other nodes publish all transforms
             self._send_to_new(publisher, self._moving_tree_to_msg(stamp, odometry, with_base, with_wheels))
 
     def _has_wheels_in_pause(self, stamp: float) -> bool:
-        """Return whether this node, and not a robot_state_publisher, sends the wheels' transforms in a pause.
+        """Return whether this node sends the wheels' transforms in a pause that is at the time `stamp` [s].
 
-        A robot_state_publisher sends none at time 0, at which a simulator that starts paused stands. `stamp`
-        is the simulated time of the pause [s].
+        If a robot_state_publisher runs, it sends these transforms in place of this node. But it sends none at
+        time 0, and a simulator that starts with a pause is at time 0.
         """
         return stamp == 0.0 or not self._has_state_publisher()
 
@@ -271,9 +272,9 @@ class Publishers:
     def show_change(self, snapshot: Snapshot) -> None:
         """Publish the transforms after a change of the world in a pause, such as a move of the robot.
 
-        New subscribers first get the transforms with the stamp of simulated time. Then all subscribers get
-        the transforms with a stamp that is later by LATER, and by LATER more after each further change. Scan
-        and odometry are also kept for later subscribers.
+        New subscribers first get the transforms with simulated time as their stamp. Then all subscribers get
+        the transforms with a stamp that is later than simulated time by LATER, and by LATER more after each
+        further change. Scan and odometry are also kept for later subscribers.
         """
         odometry = snapshot.odometry
         assert odometry is not None  # a snapshot that is taken in a pause always has odometry
