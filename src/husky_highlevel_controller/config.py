@@ -361,6 +361,8 @@ def _plain_value(kind: Any, value: Any, name: str, metadata: Mapping[str, Any], 
     # an empty text is a mistake, unless the field is optional or has no metadata
     if kind is str and not value and metadata and not metadata.get("optional"):
         raise ConfigError(f"{name} is empty{help_text}")
+    if kind is float:
+        return float(value) + 0.0  # -0.0 becomes 0.0, because NumPy rejects -0.0 as a standard deviation
     return kind(value)
 
 

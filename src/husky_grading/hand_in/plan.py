@@ -186,7 +186,8 @@ def package_path(events: Sequence[Event], workspace: Workspace) -> Optional[Path
     The folder comes from an event "package". A submission can write any event, so a folder counts only if it
     is in a folder in which ROS searches packages: in one of the workspace, or of our own environment.
     """
-    roots = [Path(root) for root in os.environ.get("ROS_PACKAGE_PATH", "").split(os.pathsep)]
+    # an empty entry does not count, because its path would be ".", which contains every relative path
+    roots = [Path(root) for root in os.environ.get("ROS_PACKAGE_PATH", "").split(os.pathsep) if root]
     roots += workspace.packages
     # a setup file is WORKSPACE/devel/setup.bash, and the packages are below WORKSPACE
     roots += [setup.parents[1] for setup in workspace.setups]

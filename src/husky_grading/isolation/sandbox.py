@@ -184,7 +184,10 @@ def _secrets(folder: str) -> List[Path]:
         # read it either, because it runs as this user.
         with contextlib.suppress(OSError), os.scandir(waiting.pop()) as entries:
             for entry in entries:
-                mode = entry.stat(follow_symlinks=False).st_mode
+                try:
+                    mode = entry.stat(follow_symlinks=False).st_mode
+                except OSError:  # the entry was deleted after the folder was listed
+                    continue
                 if stat.S_ISLNK(mode):  # a link is open to everyone, but the rights of its target count
                     continue
                 # rights that every user needs; a folder also needs the right to enter it

@@ -6,7 +6,7 @@ import re
 import subprocess
 import sys
 from dataclasses import dataclass, field, fields, is_dataclass
-from math import inf, nan
+from math import copysign, inf, nan
 from pathlib import Path
 from runpy import run_path
 from typing import get_type_hints
@@ -68,6 +68,7 @@ def test_good_parameters_become_a_record():
     assert read() == Cart(0.25, 6, "trolley", True, Wheel(0.3), 2.0)
     assert [read(speed=speed).speed for speed in (-1.0, 1.0)] == [-1.0, 1.0], "the limits are allowed"
     assert type(read(speed=1).speed) is float, "a whole number is a fine one"
+    assert copysign(1.0, read(speed=-0.0).speed) == 1.0, "NumPy takes no noise of -0.0"
     cart, driver = read_config({**GOOD, "age": 40}, "/cart/", Cart, Driver)
     assert (cart.name, driver.age) == ("trolley", 40)
 

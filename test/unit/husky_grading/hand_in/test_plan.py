@@ -20,10 +20,12 @@ from husky_grading.submission import Event
         ("/ws/src/../../home", False),
         ("/", False),
         ("", False),
+        ("../../home", False),
     ],
 )
-def test_no_folder_that_a_submission_invents_is_read(path, read, monkeypatch):
-    monkeypatch.setenv("ROS_PACKAGE_PATH", "/ros")
+@pytest.mark.parametrize("searched", ["/ros", "/ros:", ""])
+def test_no_folder_that_a_submission_invents_is_read(searched, path, read, monkeypatch):
+    monkeypatch.setenv("ROS_PACKAGE_PATH", searched)
     workspace = Workspace((Path("/ws/devel/setup.bash"),), (Path("/more"),))
     found = package_path([Event("started"), Event("package", path=path)], workspace)
     assert found == (Path(path) if read else None)

@@ -9,6 +9,7 @@ import subprocess
 import sys
 import types
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
 
@@ -230,6 +231,24 @@ others = ("proc", "devpts", "mqueue")
 writable = [place for place, options, kind in kinds if "rw" in options and kind not in others]
 print(sorted(filter(os.path.isdir, writable)))
 """
+
+
+def test_a_file_that_vanishes_meanwhile_does_not_uncover_the_secrets_beside_it(tmp_path, monkeypatch):
+    for name in ("a", "b", "c"):
+        (tmp_path / name).write_text("")
+        (tmp_path / name).chmod(0o600)
+    scandir = os.scandir
+
+    @contextmanager
+    def scandir_late(folder):
+        """Each first entry is deleted after the folder was listed."""
+        with scandir(folder) as entries:
+            listed = list(entries)
+            Path(listed[0].path).unlink()
+            yield listed
+
+    monkeypatch.setattr(sandbox.os, "scandir", scandir_late)
+    assert len(sandbox._secrets(str(tmp_path))) == 2
 
 
 @needs_bubblewrap
