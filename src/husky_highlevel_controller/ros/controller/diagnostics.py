@@ -96,9 +96,9 @@ def _error(health: Health) -> Optional[str]:
         return "no transform from odom to base_link; check that odometry is running"
     if health.scans_ahead > MAX_OFFSET:
         return f"standing still: {clock_sentence('scans are', health.scans_ahead, 'odometry')}"
-    # Scans still come, because `scan_silence` was tested above. So a very old stamp is taken as a stamp of
-    # another clock. A stamp of 0 is a missing stamp, which causes only a warning. `clock_sentence` gets the
-    # time by which the stamps are ahead of a clock. Old stamps are behind, so this time is negative.
+    # `scan_silence` is small here, so scans come, and a very old stamp comes from another clock. A stamp of 0
+    # means that the driver sets no stamps, which causes only a warning. Below, the ages get a minus sign,
+    # because `clock_sentence` expects the time by which stamps are ahead of a clock.
     if health.scan_age > TOO_OLD and health.scan_stamp != 0.0:
         return clock_sentence("scans are", -health.scan_age, OUR_CLOCK)
     if health.tf_age > TOO_OLD:

@@ -119,7 +119,8 @@ class ControllerNode:
         self._scan_age = 0.0  # [s] age of the last scan when it came
         self._tf_stamp = 0.0  # [s] stamp of the last new transform odom -> base_link
         self._scan_time: Optional[float] = None  # [s] ROS time when the last scan came
-        self._tf_time: Optional[float] = None  # [s] ROS time of the last new transform odom -> base_link
+        # [s] ROS time of the last new transform odom -> base_link; None if TF has no such transform
+        self._tf_time: Optional[float] = None
 
         # commands; reasons why the robot does not follow them, and why no scans come
         self._command_publisher = rospy.Publisher("cmd_vel", Twist, queue_size=1)
@@ -283,8 +284,8 @@ class ControllerNode:
         Args:
             observation: the scan, and the poses of lidar and robot at its stamp.
         """
-        # The services that stop the robot run in other threads. Because of the lock, their zero command comes
-        # before the decision or after its command, and never between them.
+        # Another thread may stop the robot at any time, and then sends a zero command. Because of the lock, a
+        # command that was decided before the stop is never sent after the zero command.
         with self._decision_lock:
             control, detector_config = self._tuning.records
             before = self._controller_state
@@ -324,8 +325,8 @@ class ControllerNode:
     ) -> None:
         """Log the answer to a scan, and keep its reason and the state of the pillar for /diagnostics.
 
-        - A warning is logged if the clocks of lidar and odometry differ, or if the lidar cannot measure so
-          small a distance as the stop distance.
+        - A warning is logged if the clocks of lidar and odometry differ, or if the stop distance is too small
+          for the lidar to measure.
         - Each scan is logged at DEBUG level.
         - A change of the state is logged at INFO level, or at WARN level if the robot must wait.
         - The smallest range is logged at INFO level every RANGE_PERIOD. It is the first number of its line,
@@ -434,8 +435,8 @@ class ControllerNode:
         # [s] time between the first and the last scan in `stamps`
         span = stamps[-1] - stamps[0] if len(stamps) > 1 else 0.0
         state = self._state()
-        # `_reason` explains the state at the last scan. If the start/stop service was called since then,
-        # `state` is no longer that state, and nothing explains it until the next scan.
+        # `_reason` is the reason of the state at the last scan. If the start/stop service has changed the
+        # state since then, the reason of the new state is unknown until the next scan.
         reason = self._reason if state is self._controller_state.state else ""
         return Health(
             paused=paused,
@@ -459,8 +460,9 @@ class ControllerNode:
     def _look_at_odometry(self, now: float) -> float:
         """Return the age [s] of the latest transform odom -> base_link; 0 if it is missing or fixed.
 
-        If this transform is not the one of the last call, odometry still comes, so `_tf_time` becomes the ROS
-        time `now` [s].
+        The call also sets `_tf_time`, from which /diagnostics computes how long odometry has been silent.
+        `_tf_time` becomes None without a transform, and otherwise the ROS time `now` [s] if the transform is
+        fixed or has a new stamp.
         """
         latest = self._placement.lookup(ODOM, BASE)
         if latest is None:
@@ -470,7 +472,7 @@ class ControllerNode:
             self._tf_time = now
             return 0.0
         stamp = latest.header.stamp.to_sec()
-        if stamp != self._tf_stamp:
+        if stamp != self._tf_stamp:  # a new transform has come since the last call
             self._tf_time, self._tf_stamp = now, stamp
         return now - stamp
 
@@ -502,7 +504,7 @@ def _scan_summary(scan: Scan, pillar: Optional[Pillar]) -> str:
 
 
 def _stage(controller_state: ControllerState) -> Tuple[State, bool]:
-    """Return the state, and whether a search has begun to drive; a change of either is logged.
+    """Return the state, and whether a search has begun to drive; `_log` logs when one of the two changes.
 
     A search begins with a full turn on the spot. Then the robot drives along the straight legs of a spiral.
     """
