@@ -186,9 +186,9 @@ class ParameterMaster(rosmaster.master_api.ROSMasterHandler):
     def _note(self, caller_id: Any, key: Any, is_found: bool) -> None:
         """Remember a node's request for a parameter, and whether the parameter was set.
 
-        A tool, such as rqt, reads the parameters of all nodes, but this does not mean that they are used. So
-        only the requests of a tool for its own parameters count. Any program can send the values, so their
-        types are checked.
+        A tool such as rqt reads the parameters of all nodes. Its requests do not show that a node uses a
+        parameter. So only the requests of a tool for its own parameters count. Any program can send the
+        values, so their types are checked.
         """
         if not (isinstance(caller_id, str) and isinstance(key, str) and key):
             return

@@ -23,6 +23,5 @@ def remember_parameter() -> None:
     master still notifies rospy of a change. Call this after rospy.init_node, and before the first line of the
     log.
     """
-    # if the parameter is not set, rospy itself puts nothing into its cache, so the value (then false) is put
-    # into the cache here
+    # `set` is needed, because rospy itself puts nothing into its cache if the parameter is not set
     get_param_server_cache().set(PARAMETER, rospy.get_param_cached(PARAMETER, False))

@@ -86,7 +86,7 @@ class PromptConnection(QueuedConnection):
         connection.stat_bytes += sent  # `stat_bytes` and `stat_num_msg` are rospy's statistics
         if sent < len(data):
             with self._lock:
-                self._unsent = data[sent:]
+                self._unsent = data[sent:]  # rest of this message, which `_run` sends
                 self._cond_data_available.notify()  # wakes the thread
         else:
             connection.stat_num_msg += 1

@@ -78,9 +78,8 @@ class Guard:
         # subscriber of the sensor that shows dangers, and whether a message has come since the last check
         self._sensor: Optional[rospy.Subscriber] = None
         self._has_sensor_message = threading.Event()
-        # Set when the shutdown begins. rospy first calls the hooks of `on_shutdown`, and later
-        # `is_shutdown()` becomes true. A hook that is added after the call of the hooks would never be
-        # called, so the hook is added here and not in `run`.
+        # Set when the shutdown begins; `rospy.is_shutdown()` becomes true only later. The hook is added here
+        # and not in `run`, because rospy never calls a hook that is added after the shutdown has begun.
         self._is_over = threading.Event()
         rospy.on_shutdown(self._is_over.set)
         topic = robot.topics.odometry
@@ -114,8 +113,8 @@ class Guard:
         Args:
             stamp: stamp of the message [s].
             who: beginning of the warning that the clocks differ, such as "scans are".
-            effect: end of this warning: what the guard does as long as the clocks differ, such as "no crash
-                is detected".
+            effect: end of this warning, such as "no crash is detected". It says what the guard does as long
+                as the clocks differ.
         """
         self.clocks.add(stamp, time.monotonic())
         # the clocks agree; an offset within the tolerance is exactly 0
