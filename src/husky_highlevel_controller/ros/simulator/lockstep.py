@@ -267,10 +267,14 @@ class Lockstep:
             """Return whether it is time to resend the scan, or to nudge the clock."""
             waited = time.monotonic() - began_at  # [s]
             if is_before_first_command:
-                # Only the time decides, because a controller that is starting may look idle. A command may
-                # come at any time, also just before this line, and then the scan must not be sent again.
+                # only the time decides, because a controller that is starting may look idle
                 return waited > RESEND_TIMEOUT and not self._answered.is_set()
-            return waited > SLEEP_TIMEOUT and self._listeners.asleep()
+            return waited > SLEEP_TIMEOUT and is_asleep()
+
+        def is_asleep() -> bool:
+            """Return whether the listeners are idle and have not sent the command."""
+            # the command may come while `asleep` looks at the listeners, so the command is checked last
+            return self._listeners.asleep() and not self._answered.is_set()
 
         def is_over() -> bool:
             """Serve calls, make the attempt if it is due, and return whether the wait is over."""
@@ -281,7 +285,7 @@ class Lockstep:
                     attempted_at = time.monotonic()
                     attempt = resend if is_before_first_command else nudge
                     attempt()
-            elif time.monotonic() - attempted_at > SLEEP_TIMEOUT and self._listeners.asleep():
+            elif time.monotonic() - attempted_at > SLEEP_TIMEOUT and is_asleep():
                 # the attempt has not helped, so the controller sleeps
                 self._mode_after_sleep, self._mode = self._mode, Mode.SLEEPING
                 rospy.loginfo_once("lockstep: a controller is sleeping; advancing one scan at a time")

@@ -109,6 +109,24 @@ def test_a_controller_that_computes_has_five_seconds_and_then_time_runs_free(sta
     assert not run.drops(), "every command is obeyed"
 
 
+@pytest.mark.parametrize("late", [0.3, 0.6])
+def test_a_command_that_comes_while_the_listeners_are_looked_at_is_an_answer(start, late):
+    run = start()
+    nudges = []
+
+    def asleep():
+        """Idle, but the command has come just before."""
+        if run.now > late:
+            run.command()
+        return True
+
+    run.asleep = asleep
+    run.scan(answers=False, nudge=lambda: nudges.append(run.now))
+    assert len(nudges) == (late > 0.3), "only a controller that is late needs the clock"
+    run.asleep = lambda: True
+    assert run.scan(answers=False, nudge=nothing) > 0.5, "a controller that is awake is waited for"
+
+
 def test_switched_off_it_never_waits_and_obeys_every_command(start, warnings):
     run = start(is_on=False)
     assert [run.scan(answers=False), run.tick()] == [0.0, 0.0]
