@@ -95,6 +95,8 @@ class StopRequest:
             if failure is None:
                 self._on_success(danger)
                 return
+            if is_shutdown():  # the wait for the answer was cut short, so the call has not failed
+                return
             self._on_failure(danger, failure)
             again = time.monotonic() + RETRY_PERIOD
             while time.monotonic() < again and not is_shutdown():

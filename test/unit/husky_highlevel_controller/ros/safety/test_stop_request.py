@@ -56,6 +56,16 @@ def test_a_service_that_hangs_is_called_again_and_zero_is_commanded_meanwhile(mo
     service.end()
 
 
+def test_a_call_that_hangs_when_the_node_ends_has_not_failed():
+    release = threading.Event()
+    service = Service(release.wait)
+    service.request.start("a wall")
+    assert service.zeros.acquire(timeout=DEADLINE)
+    service.end()
+    assert service.failures == []
+    release.set()
+
+
 def test_calls_that_hang_do_not_pile_up(monkeypatch):
     monkeypatch.setattr(stop_request, "CALL_TIMEOUT", 0.01)
     monkeypatch.setattr(stop_request, "RETRY_PERIOD", 0.01)
