@@ -252,8 +252,9 @@ class WebNode:
         self._depth_box.visible = self._topics.names["cloud"] in offered
         self._tuning.follow(published)
         self._world_name = str(parameter(f"{self._config.simulator}/world_name", ""))
-        self._server.gui.set_panel_label(title(self._scene.robot_name, self._world_name))
         self._follow_description()
+        # the name of the robot comes from its description
+        self._server.gui.set_panel_label(title(self._scene.robot_name, self._world_name))
 
     def _listen_to_numbers_and_cloud(self, offered: Dict[str, str]) -> None:
         """Subscribe to the published topics of numbers, and to the cloud while it is shown.

@@ -269,7 +269,7 @@ class Scene:
                 return
             if step > TRAIL_JUMP:  # a service has moved the robot
                 self._trail.clear()
-        self._replace_trail([*self._trail[-TRAIL_POINTS:], point])
+        self._replace_trail([*self._trail, point])
 
     def _begin_trail(self, path: Marker) -> None:
         """Begin the trail with the controller's path, which the robot drove before a page was open.
@@ -289,9 +289,12 @@ class Scene:
         self._replace_trail([(x, y, height) for x, y, _ in positions])
 
     def _replace_trail(self, trail: List[Tuple[float, float, float]]) -> None:
-        """Replace the trail by these points [m] in the fixed frame, the oldest first, and draw it."""
-        self._trail = trail
-        line = np.array(trail, np.float32)
+        """Replace the trail by the last TRAIL_POINTS of these points, and draw it.
+
+        The points [m] are in the fixed frame, the oldest first.
+        """
+        self._trail = trail[-TRAIL_POINTS:]
+        line = np.array(self._trail, np.float32)
         # (N - 1, 2, 3) for N points of the trail, a line from each point to the next one; each end of a line
         # has the colour of its point
         self._trail_line.points = np.stack([line[:-1], line[1:]], axis=1)
