@@ -60,6 +60,15 @@ class Moment(NamedTuple):
     score: float
 
 
+@dataclass
+class _Drawing:
+    """Time in which RViz draws a marker, and the marker's score."""
+
+    begin: float  # [s]
+    end: float  # [s] end of the lifetime, or earlier if the marker is deleted or replaced
+    score: float  # 0 to 1
+
+
 @dataclass(frozen=True)
 class Placement:
     """Score of one namespace's markers over a run, and a sentence about it."""
@@ -265,21 +274,23 @@ def _drawing_times(
         markers: additions and deletions in the order of time.
         scores: score of each added marker, by Python's `id(marker)`.
     """
-    rows: List[List[float]] = []  # begin [s], end [s] and score of each added marker
-    # rows of the markers that RViz draws at this point of the loop; keys are the topic, then (namespace, id)
-    drawn_by_topic: Dict[str, Dict[Tuple[str, int], List[float]]] = defaultdict(dict)
+    drawings: List[_Drawing] = []  # drawings of all added markers
+    # drawings that have not ended at this point of the loop; keys are the topic, then (namespace, id)
+    open_by_topic: Dict[str, Dict[Tuple[str, int], _Drawing]] = defaultdict(dict)
     for marker in markers:
-        drawn, key = drawn_by_topic[marker.topic], (marker.namespace, marker.id)
+        open_drawings, key = open_by_topic[marker.topic], (marker.namespace, marker.id)
         # an addition and a deletion both end the older marker of the same namespace and id
-        ended_keys = list(drawn) if marker.action == DELETE_ALL else [key]
+        ended_keys = list(open_drawings) if marker.action == DELETE_ALL else [key]
         for ended_key in ended_keys:
-            if ended_key in drawn:
-                row = drawn.pop(ended_key)  # `rows` has the same list, so the new end is also in `rows`
-                row[1] = min(row[1], marker.at)
+            if ended_key in open_drawings:
+                ended = open_drawings.pop(ended_key)
+                ended.end = min(ended.end, marker.at)
         if marker.action == ADD:
-            drawn[key] = [marker.at, marker.until, scores[id(marker)]]
-            rows.append(drawn[key])
-    rows.sort(key=lambda row: row[2])  # the lowest score first
+            drawing = _Drawing(marker.at, marker.until, scores[id(marker)])
+            drawings.append(drawing)
+            open_drawings[key] = drawing
+    drawings.sort(key=lambda drawing: drawing.score)
+    rows = [(drawing.begin, drawing.end, drawing.score) for drawing in drawings]
     begins, ends, sorted_scores = np.array(rows).T
     return begins, ends, sorted_scores
 
