@@ -102,8 +102,8 @@ class PillarWatch(Watch):
         # no node runs any more, and none has ever sent a command, so the robot will never move
         if state.abandoned and not state.commands:
             return NO_COMMAND
-        # `DriveEnd` decides by the robot's motion. If no node runs any more, a robot that stands will not
-        # start again, so the run ends earlier.
+        # `DriveEnd` decides by the robot's motion. It waits less long for a robot that stands if no node runs
+        # any more, because this robot will not start again.
         return self._end.reason(state.abandoned)
 
 
@@ -235,19 +235,29 @@ def _judge_miss(item: Item, recording: Recording, rules: Rules, approach: Option
     # to the pillar
     if recording.driving.any() and not recording.driving[nearest + 1 :].any():
         evidence = f"stops short: {evidence}"
-    # the first explanation that fits gives the hint, and sometimes an ending of the sentence
-    ending, cause = "", cause_of_stop(recording)
-    if not recording.moving.any():  # the robot has never driven or turned
-        hint = hint_on(first_cause(recording))
-    elif approach is not None and not approach.full:
-        hint = approach.hint  # the mistake in the approach has also kept the robot from the pillar
-    elif cause:
-        ending, hint = as_ending(cause), hint_on(cause)
-    elif gaps[-1] > gaps[nearest] + AWAY_FROM_NEAREST:  # the robot has driven away again
-        ending, hint, _ = explain_steering(recording)
-    else:
-        hint = STOPS
+    ending, hint = _explain_miss(recording, approach)
     return replace(item, evidence=evidence + ending, at=at, hint=hint)
+
+
+def _explain_miss(recording: Recording, approach: Optional[Item]) -> Tuple[str, str]:
+    """Return why the robot probably does not reach the pillar, as an end of the evidence, and a hint.
+
+    The first explanation that fits counts. The end of the evidence is often empty. `approach` is the item of
+    `judge_approach` for this run.
+    """
+    if not recording.moving.any():  # the robot has never driven or turned
+        return "", hint_on(first_cause(recording))
+    if approach is not None and not approach.full:
+        return "", approach.hint  # the mistake in the approach has also kept the robot from the pillar
+    cause = cause_of_stop(recording)
+    if cause:
+        return as_ending(cause), hint_on(cause)
+    gaps = recording.hull_gaps  # (N,) [m] gap between the robot's footprint and the pillar
+    has_driven_away = gaps[-1] > gaps.min() + AWAY_FROM_NEAREST
+    if has_driven_away:
+        ending, hint, _ = explain_steering(recording)
+        return ending, hint
+    return "", STOPS
 
 
 def _judge_touch(item: Item, recording: Recording, rules: Rules, touch_time: float) -> Item:
@@ -309,25 +319,31 @@ def judge_place(recording: Recording, placements: Sequence[Placement]) -> Item:
     # a better explanation
     if not len(recording.times) and causes(recording):
         return with_cause(item, NO_RUN, first_cause(recording))
-    cause = cause_of_no_marker(recording)
-    if not recording.marker_topics:
-        evidence = f"no topic of type visualization_msgs/Marker or MarkerArray{as_ending(cause)}"
-        hint = f"make a publisher of visualization_msgs/Marker, and {KEEP_AS_MEMBER}"
-        if cause:
-            hint = hint_on(cause)
-        return replace(item, evidence=evidence, hint=hint)
-    if not placements:
-        topics = ", ".join(recording.marker_topics)
-        added = [marker for marker in recording.markers if marker.action == ADD]
-        if added:  # markers that come after the touch have no placement
-            evidence = f"no marker came on {topics} before the robot touched the pillar"
-            return replace(item, evidence=evidence, at=added[0].at, hint=NO_MARKER)
-        evidence = f"nothing came on {topics}{as_ending(cause)}"
-        return replace(item, evidence=evidence, hint=hint_on(cause) if cause else NO_MARKER)
+    if not recording.marker_topics or not placements:
+        return _judge_no_marker(item, recording)
     # the marker namespace with the most points counts, as docs/rubrics.md says
     best = max(placements, key=lambda placement: placement.score)
     hint = MARKER_HINTS.get(best.fault, CHECK) if best.fault else CHECK
     return replace(item, points=points_for_place(best), evidence=best.evidence, at=best.at, hint=hint)
+
+
+def _judge_no_marker(item: Item, recording: Recording) -> Item:
+    """Return the item of a run without a marker that could be judged: no points.
+
+    The submission has no topic of markers, or no marker came before the robot touched the pillar.
+    """
+    cause = cause_of_no_marker(recording)
+    if not recording.marker_topics:
+        evidence = f"no topic of type visualization_msgs/Marker or MarkerArray{as_ending(cause)}"
+        hint = f"make a publisher of visualization_msgs/Marker, and {KEEP_AS_MEMBER}"
+        return replace(item, evidence=evidence, hint=hint_on(cause) if cause else hint)
+    topics = ", ".join(recording.marker_topics)
+    added = [marker for marker in recording.markers if marker.action == ADD]
+    if added:  # all of them came after the touch, when markers do not count any more
+        evidence = f"no marker came on {topics} before the robot touched the pillar"
+        return replace(item, evidence=evidence, at=added[0].at, hint=NO_MARKER)
+    evidence = f"nothing came on {topics}{as_ending(cause)}"
+    return replace(item, evidence=evidence, hint=hint_on(cause) if cause else NO_MARKER)
 
 
 def first_touch(recording: Recording) -> float:
