@@ -291,14 +291,10 @@ def judge_path(recording: Recording, _playback: Playback, _view: RvizView) -> Ve
     if len(path) < MIN_ESTIMATES or not len(recording.times):
         why, hint = _explain_no_estimate(recording)
         return Verdict(0.0, f"{len(path)} estimates on {estimate.topic or FILTERED}: {why}", hint)
-    stamps, x, y = path.T  # (N,) each
+    stamps = path[:, 0]
     end = float(recording.times[-1])  # [s] end of the bag
+    largest_error = _largest_error(path, recording)
     true_x, true_y = recording.poses[:, :2].T  # (M,) [m] each, in the world
-    # errors at the stamps of the estimates, (N,) [m] each; the bag's robot starts at the origin of the world,
-    # so estimates in odom are also positions in the world
-    x_errors = x - np.interp(stamps, recording.times, true_x)
-    y_errors = y - np.interp(stamps, recording.times, true_y)
-    largest_error = float(np.hypot(x_errors, y_errors).max())
     length = float(np.hypot(np.diff(true_x), np.diff(true_y)).sum())  # [m] length of the true path
     largest_gap = float(np.diff(np.sort(stamps)).max())  # [s] longest time between two estimates
     is_whole = stamps[0] <= LATEST_BEGIN and stamps[-1] >= end - END_MARGIN and largest_gap <= MAX_GAP
@@ -307,6 +303,20 @@ def judge_path(recording: Recording, _playback: Playback, _view: RvizView) -> Ve
     evidence += f"at most {largest_gap:.1f} s apart, up to {largest_error:.2f} m from the true path of "
     evidence += f"{length:.1f} m"
     return Verdict(1.0 if is_whole and is_accurate else 0.5, evidence, INPUTS_HINT)
+
+
+def _largest_error(path: np.ndarray, recording: Recording) -> float:
+    """Return the largest distance [m] of an estimate from the true position at the same time.
+
+    The bag's robot starts at the origin of the world, so estimates in odom are also positions in the world.
+    `path` has stamp, x and y of each estimate, (N, 3) [s, m, m].
+    """
+    stamps, x, y = path.T  # (N,) each
+    true_x, true_y = recording.poses[:, :2].T  # (M,) [m] each, in the world
+    # the true poses have other times than the estimates, so the true positions are interpolated
+    x_errors = x - np.interp(stamps, recording.times, true_x)
+    y_errors = y - np.interp(stamps, recording.times, true_y)
+    return float(np.hypot(x_errors, y_errors).max())
 
 
 def _explain_no_estimate(recording: Recording) -> Tuple[str, str]:
