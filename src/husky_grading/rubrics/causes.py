@@ -135,10 +135,10 @@ def silent_text(topics: str) -> str:
 
 def first_cause(recording: Recording) -> Note:
     """Return why the robot stands: the first step that fails, from the start of a node to its commands."""
-    silent, unread = ", ".join(recording.silent_topics), ", ".join(recording.unread_topics)
     reasons = causes(recording)  # notes that can be the cause, such as an exception
     if reasons:
         return reasons[0]
+    silent, unread = ", ".join(recording.silent_topics), ", ".join(recording.unread_topics)
     # The tests go step by step from the scans to the motion of the robot. The first step that fails is the
     # cause.
     if not recording.subscribed and silent:
@@ -156,7 +156,11 @@ def first_cause(recording: Recording) -> Note:
         return Note(Kind.NO_COMMANDS, "nothing came on cmd_vel")
     if not recording.command_count:
         return Note(Kind.NO_PUBLISHER, "it advertises no cmd_vel")
-    # commands came, so the cause must be in their values
+    return _fault_of_commands(recording)
+
+
+def _fault_of_commands(recording: Recording) -> Note:
+    """Return why the commands that came do not move the robot; the cause must be in their values."""
     if recording.zero_count == recording.command_count:
         return Note(Kind.ZERO_COMMANDS, f"all {recording.command_count} commands were zero")
     if moves_nothing(recording.fastest) and moves_nothing(recording.sharpest):
