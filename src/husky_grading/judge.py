@@ -36,8 +36,8 @@ def judge_again(job: Job) -> MarkingResult:
 def judge(submission: Submission, recordings: Sequence[Recording], job: Job) -> MarkingResult:
     """Return the result of a submission by the rubric, with points by hand and a late penalty.
 
-    A result depends on luck if several launch files fit equally well, or if the submission reads a variable
-    before it writes it. A person then grades the items that depend on luck.
+    Another run could give other points if several launch files fit equally well, if the submission needs
+    Python 2, or if it reads a variable before it writes it. A person then grades the items that could change.
 
     Args:
         submission: prepared submission.

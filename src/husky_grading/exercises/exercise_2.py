@@ -149,14 +149,15 @@ def read_lines(output: str) -> List[PrintedLine]:
 
 
 def smallest_ranges(nearest: NDArray[np.float64], stamp: Optional[float]) -> Tuple[float, float]:
-    """Return the lowest and the highest smallest range [m] of the scans that a printed line may be about.
+    """Return the lowest and the highest smallest range [m] of the scans that may have caused a printed line.
 
-    A line may be about any scan of the last LATEST seconds. If there was no such scan, both values are nan.
+    Each scan has one smallest range. Any scan of the last LATEST seconds may have caused the line. If there
+    was no such scan, both values are nan.
 
     Args:
         nearest: (N, 2) time [s] and smallest range [m] of each scan, sorted by time.
         stamp: simulated time [s] at which the line was printed. If it is None, the time is unknown, so the
-            line may be about any scan of the run.
+            any scan of the run may have caused the line.
     """
     ranges = nearest[:, 1]
     if stamp is not None:

@@ -430,7 +430,8 @@ def _judge_from_rest(
     """Return both items of a robot that stood before every call.
 
     A person grades the stops, because such a robot cannot show them. A person also grades the starts, because
-    a robot that drives only after a call may obey the service. But a robot that never drives has no starts.
+    a robot that drives only after a call may obey the service. But a robot that never drives gets no points
+    for the starts.
 
     Args:
         stop: item on stops, without evidence.
