@@ -43,9 +43,8 @@ class ClockOffset:
         self._tolerance = tolerance
         self._newest_reference: Optional[float] = None  # [s] newest stamp of the reference
         self._new_references = 0  # number of new stamps of the reference in this window
-        self._message_count = (
-            0  # number of messages in this window; the next message begins a new window if 0
-        )
+        # number of messages in this window; if it is 0, the next message begins a new window
+        self._message_count = 0
         self._window_begin = _WindowBegin(0.0, 0.0, 0.0)
         # [s] smallest and largest difference between the stamp of a message and the newest stamp of the
         # reference, in this window

@@ -362,9 +362,10 @@ def _updated(track: Track, sighting: Sighting, period: float, scan: Scan, laser_
     """
     pillar, (x, y, _) = sighting
     radius = pillar.radius
-    # [m] An edge of the pillar lies anywhere between two beams. So the standard deviation of the measured
-    # position grows with the distance between two beams at the pillar.
-    deviation = 0.005 + 0.25 * abs(scan.angle_increment) * hypot(pillar.x, pillar.y)
+    # An edge of the pillar lies anywhere between two beams. So the standard deviation of the measured
+    # position is 5 mm, plus a quarter of the distance between two beams at the pillar.
+    beam_spacing = abs(scan.angle_increment) * hypot(pillar.x, pillar.y)  # [m]
+    deviation = 0.005 + 0.25 * beam_spacing  # [m]
     variance = deviation**2
     old = track.estimate
     if old is not None:
