@@ -114,9 +114,9 @@ def _answers_of_pool(
     while waiting or running:
         while waiting:
             number = waiting[0]
-            # If a process dies, each group in the pool may be the cause. These groups run again, but no two
-            # of them at the same time, so that another death shows which group is the cause. For this reason,
-            # such a group waits until the pool is empty.
+            # If a process dies, each group in the pool may be the cause. Such a group runs again, but it is
+            # sent only into an empty pool, so that no two of them run at the same time. Groups without a
+            # death may join it. If a process dies again, the group with more deaths is the cause.
             may_be_cause = deaths[number] > 0
             has_room = not running if may_be_cause else len(running) < max_running
             if not has_room:

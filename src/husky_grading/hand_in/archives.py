@@ -258,7 +258,7 @@ class PackedPath:
         if self.path is None:  # the object was sent before, so its files are packed
             return {"path": None, "_content": self._content}
         path, content = self.path, io.BytesIO()
-        room = MAX_BYTES  # [bytes] the files that are not packed yet may have this size together
+        room = MAX_BYTES  # [bytes] total size of the files that may still be packed
         with tarfile.open(fileobj=content, mode="w:gz", compresslevel=1) as archive:
             # the delivered file, or the delivered folder without its content, which follows
             archive.add(path, path.name, recursive=False)

@@ -119,8 +119,8 @@ def build(folders: Folders, needed: FrozenSet[str], underlay: Workspace) -> Buil
     if outcome.code and not has_compiler_error(outcome.output):
         _check_machine_builds(folders.root.with_name("check"), underlay)
     if outcome.code == 0:
-        # The server process of `forked` imports its modules while the run is prepared, so the run begins
-        # sooner. If the build fails, there is usually no run, so the modules are not needed.
+        # another process now imports the modules of the programs of a run, so that the run begins sooner;
+        # after a failed build there is usually no run
         import_early()
     notes = _notes_on_build(folders.root, stand_ins, used_old_boost, outcome)
     return Build(_built_workspace(folders, underlay), tuple(notes))

@@ -128,10 +128,11 @@ def read_launch_files(
     if override.launch is not None:
         files = [_only_file(files, override.launch)]
     scanning_packages, driving_packages = _packages_by_messages(packages, folders)
-    # package of the student that contains each launch file; empty for a launch file that is in no package
+    # Package of `own_copies` that contains each launch file. It is empty if the launch file is beside the
+    # packages, or in a public package.
     containing_packages = [_package_around(file.path, folders) for file in files]
-    # A launchable needs a package. For a launch file that is in no package, any package will do, because
-    # roslaunch gets the path of the file. So such a launch file gets the first package.
+    # A launchable needs a package. roslaunch gets the path of the file, so it does not use this package. So a
+    # launch file outside of the student's packages gets the first one.
     first_package = next(iter(folders), "")
     launchables = [
         Launchable("launch", package or first_package, str(file.path), override.arguments)

@@ -74,13 +74,11 @@ def _config_in_package(
 
     The best configuration displays most of frames, robot model and scan.
 
-    If a launch file is started, an .rviz file that belongs to another launch file does not count. There is
-    one exception. If the started launch file starts RViz, the only .rviz file of a package counts anyway,
-    because there is no other file for this RViz. But if the other launch file plays recordings (rosbag), the
-    only file does not count either.
-
     `launch_file` is the name of the launch file that is started. It is empty for a node, and then all files
-    count.
+    count. Otherwise, a file that belongs to another launch file does not count, unless two conditions hold:
+
+    - The started launch file starts RViz, and the package has no other .rviz file for this RViz.
+    - The other launch file plays no recording (rosbag). An .rviz file for a recording is for exercise 4.
     """
     folder = planned.package_path
     if not folder:

@@ -278,8 +278,8 @@ def _prepare_choice(
         raise NotMarkableError("; ".join([str(error), *notes])) from error
     if candidates and override.launch:
         notes.append(f"launch file {candidates[0].place}: named in marking.yaml")
-    # `launch` is the launch file that is started. It is None if the teacher names a node, because then there
-    # are no candidates.
+    # `launch` is the launch file that is started: the first candidate of which a node was built. It is None
+    # if the teacher names a node, because then there are no candidates.
     launch, built, build_notes = _build_candidates(candidates, packages, folders, underlay)
     notes += [*repair_notes, *build_notes]
     launchable = _launchable_of(launch, override)
