@@ -201,7 +201,11 @@ class Scene:
         self._update_shadow()
 
     def _update_shadow(self) -> None:
-        """Put the shadow on the ground below the robot; its position is relative to the base."""
+        """Put the shadow on the ground, whose height below base_link TF gives by the frame base_footprint.
+
+        The pose of the shadow is relative to base_link. `draw_robot` has set its x and y to the middle of the
+        robot, so only the height is set here.
+        """
         footprint = self.frames.pose(FOOTPRINT, BASE)
         if self._shadow is not None and footprint is not None:
             x, y, _ = self._shadow.position.tolist()

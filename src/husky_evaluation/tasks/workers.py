@@ -8,7 +8,7 @@ from __future__ import annotations
 import hashlib
 from contextlib import closing
 from pathlib import Path
-from typing import Any, Callable, Iterable, Iterator, List, Optional, Sequence, Set, Tuple
+from typing import Any, Callable, Generator, Iterable, Iterator, List, Optional, Sequence, Set, Tuple
 
 from husky_evaluation.tasks.fingerprint import code_version, fingerprint, machine
 from husky_evaluation.tasks.local import Answer, run_here
@@ -126,19 +126,10 @@ class Workers:
                 self._machines.add(computer)
                 progress.update()
                 yield index, result
-            # a group has the indices of the items that are sent to a worker together
             groups = [to_compute[first : first + chunk] for first in range(0, len(to_compute), chunk)]
-            items_of_groups = [[items[index] for index in group] for group in groups]
-            if self._cluster:
-                answers = self._cluster.run(task, items_of_groups, starts_programs)
-            else:
-                answers = run_here(task, items_of_groups, self.jobs, starts_programs)
-            with closing(answers):  # `closing` cancels the waiting groups after an error in this block
-                for number, answer in answers:
-                    group = groups[number]
-                    if isinstance(answer, BaseException):  # the group has failed
-                        answer = _answer_to_error(answer, items_of_groups[number], on_error)
-                    computer, results = answer
+            computed = self._compute(task, items, groups, starts_programs, on_error)
+            with closing(computed):  # `closing` cancels the waiting groups after an error in this block
+                for group, (computer, results) in computed:
                     self._machines.add(computer)
                     if self._store:
                         self._store.save(
@@ -146,6 +137,31 @@ class Workers:
                         )
                     progress.update(len(group))
                     yield from zip(group, results)
+
+    def _compute(
+        self,
+        task: Task,
+        items: Sequence[Any],
+        groups: Sequence[List[int]],
+        starts_programs: bool,
+        on_error: Optional[OnError],
+    ) -> Generator[Tuple[List[int], Answer], None, None]:
+        """Send groups of items to the workers, and yield each group with its answer, as the answers come.
+
+        An answer is the description of the machine that has computed the group, and the list of the results.
+        A group has the indices of the items that a worker gets together. The other arguments are those of
+        `as_completed`.
+        """
+        items_of_groups = [[items[index] for index in group] for group in groups]
+        if self._cluster:
+            answers = self._cluster.run(task, items_of_groups, starts_programs)
+        else:
+            answers = run_here(task, items_of_groups, self.jobs, starts_programs)
+        with closing(answers):
+            for number, answer in answers:
+                if isinstance(answer, BaseException):  # the group has failed
+                    answer = _answer_to_error(answer, items_of_groups[number], on_error)
+                yield groups[number], answer
 
     @property
     def results_hash(self) -> str:
