@@ -70,9 +70,9 @@ class Listeners:
         self._clock_receivers: Set[int] = set()  # ids of the processes that receive the clock
         # true if all processes that receive the topic are on this machine, where they can be seen
         self._sees_all_receivers = False
-        # True if the short check is possible: the kernel counts turns, and all processes in `_processes` run
-        # Python. A node in Python does not run while it waits. But a node in C++ wakes every millisecond, so
-        # its turns change also while it waits.
+        # True if the short check (see `asleep`) is possible. It needs the turns of each thread: how often the
+        # kernel has let the thread run. It also needs nodes in Python only, because their turns do not change
+        # while they wait. A node in C++ wakes every millisecond, so its turns change also while it waits.
         self._can_check_turns = False
         # the look at which all processes were last found asleep; if the turns of a process are now different,
         # the process has run since then
@@ -150,10 +150,11 @@ class Listeners:
         self._clock_receivers = {process_by_ports[ports] for ports in clock_ports & ports_here}
         # false also if there is no receiver, because `asleep` then has no controller to look at
         self._sees_all_receivers = bool(topic_ports) and topic_ports <= ports_here
-        self._can_check_turns = COUNTS_TURNS and all(map(_in_python, process_by_ports.values()))
+        processes = set(process_by_ports.values())  # a process may have several connections
+        self._can_check_turns = COUNTS_TURNS and all(map(_in_python, processes))
         for threads in self._processes.values():
             threads.close()
-        self._processes = {process: _Threads(process) for process in process_by_ports.values()}
+        self._processes = {process: _Threads(process) for process in processes}
 
 
 class _Threads:

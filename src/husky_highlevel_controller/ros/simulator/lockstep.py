@@ -254,8 +254,8 @@ class Lockstep:
         - Later, if the listeners are idle after SLEEP_TIMEOUT, the clock is nudged, because the controller
           may sleep until a time between two ticks. If a command comes then, the mode becomes ALWAYS_WATCHED.
 
-        If the listeners are idle SLEEP_TIMEOUT after the attempt, and still no command has come, the
-        controller sleeps by simulated time, and the mode becomes SLEEPING.
+        When SLEEP_TIMEOUT has passed since the attempt, and the listeners are idle, and still no command has
+        come, the controller sleeps by simulated time, and the mode becomes SLEEPING.
         """
         if self._answered.is_set():
             return

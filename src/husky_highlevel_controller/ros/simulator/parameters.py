@@ -76,7 +76,7 @@ def _with_drivers(
     """
     profile: RobotProfile
     (profile,) = read_config(values, source + "robot_profile/", RobotProfile)
-    # the drivers have a lidar of their own, so a change of the other lidar is probably a mistake
+    # the profile has the simulated lidar, so a changed lidar of Gazebo's plugins is probably a mistake
     if config.lidar != simulator_config(config.robot.name).lidar:
         rospy.logwarn(f"{source}lidar has no effect with profile:=robot; set {source}robot_profile/lidar")
     return replace(config, real=profile.on(ground))

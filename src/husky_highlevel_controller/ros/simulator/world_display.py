@@ -35,8 +35,8 @@ PERIOD = 0.1  # [s] simulated time between two checks for moved bodies
 # [rad] a body that has tipped by more than this gets a new marker, which can be dragged horizontally
 TIPPED_ANGLE = 0.1
 NOTICEABLE_MOVE = 0.001  # [m] the marker of a body that has moved by less than this is not sent again
-# [m] if odom turns so far that a point at this distance moves noticeably, all markers are sent again; farther
-# away, the lidar's noise hides the turn
+# [m] If odom turns so far that a point at this distance moves noticeably, all markers are sent again. Markers
+# farther away move more, but the noise of the lidar's points hides this.
 TURN_RADIUS = 2.0
 # [m] edges of a new box, which is high enough for the lidar's scan plane, 0.44 m above the ground
 BOX_SIZE = (0.4, 0.4, 0.8)
