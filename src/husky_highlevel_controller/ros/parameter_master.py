@@ -194,6 +194,7 @@ class ParameterMaster(rosmaster.master_api.ROSMasterHandler):
             return
         name = resolve_name(key, caller_id)
         is_own = name.startswith(f"{caller_id}/")
+        # nodes such as RViz, rqt and the simulator itself also read parameters that are not meant for them
         is_tool = TOOLS.match(caller_id) or caller_id.startswith(READERS_OF_ALL)
         if is_tool and not is_own:
             return
@@ -202,7 +203,7 @@ class ParameterMaster(rosmaster.master_api.ROSMasterHandler):
             was_found = self._requests.get(request)  # None if the request is new
             if was_found is is_found:
                 return
-            # the answer to a known request may always change, but only MAX_REQUESTS requests are stored
+            # a known request is always updated; a new one is stored only up to MAX_REQUESTS requests
             if was_found is not None or len(self._requests) < MAX_REQUESTS:
                 self._requests[request] = is_found
                 self._unread = None  # the list of unread parameters must be made again

@@ -18,7 +18,7 @@ _LINE = re.compile(rf"{BEGIN}(?P<reason>[^{{]*)(?P<header>\{{'.*'\}})")
 def shorten(line: str) -> str:
     """Return a line with the node and the topic in place of the header; every other line as it is.
 
-    rospy's line has three parts: the words BEGIN, the reason, and the header as a dictionary in Python.
+    rospy's line begins with fixed words (BEGIN), then has the reason, then the header as a Python dictionary.
     """
     found = _LINE.search(line)
     if found is None:

@@ -77,7 +77,8 @@ class SharedReceiver:
                 except Exception as error:
                     with self._lock:
                         # If another thread has closed the socket meanwhile, a new connection may have got the
-                        # same descriptor. The new connection must stay registered.
+                        # same descriptor, and must stay registered. The old entry itself may stay, because a
+                        # new connection replaces it.
                         if self._connections[descriptor] is entry:
                             with contextlib.suppress(OSError):  # a closed socket is no longer registered
                                 self._epoll.unregister(descriptor)

@@ -96,7 +96,7 @@ def _error(health: Health) -> Optional[str]:
         return "no transform from odom to base_link; check that odometry is running"
     if health.scans_ahead > MAX_OFFSET:
         return f"standing still: {clock_sentence('scans are', health.scans_ahead, 'odometry')}"
-    # `scan_silence` is small here, so scans come, and a very old stamp comes from another clock. A stamp of 0
+    # Scans come, because their silence was tested above. So a very old stamp is from another clock. A stamp 0
     # means that the driver sets no stamps, which causes only a warning. Below, the ages get a minus sign,
     # because `clock_sentence` expects the time by which stamps are ahead of a clock.
     if health.scan_age > TOO_OLD and health.scan_stamp != 0.0:

@@ -102,10 +102,10 @@ class ControllerNode:
         # of a stop. It is an RLock, because the signal that ends the node may interrupt a decision of the
         # main thread.
         self._decision_lock = threading.RLock()
-        self._has_ended = False  # true from the begin of the shutdown on; then all commands are zero
+        self._has_ended = False  # true when the shutdown has begun; then all commands are zero
         self._last_announced: Optional[bool] = None  # last announcement on ~arrived; None before the first
-        # [m] stop distance at the last warning that the lidar cannot see the pillar at this distance; 0
-        # before the first warning
+        # [m] a warning is logged if the lidar cannot measure a distance as small as the stop distance; this
+        # is the stop distance of the last warning, or 0 before the first one
         self._blind_stop_distance = 0.0
         self._range_logged_at = -inf  # [s] stamp of the scan whose smallest range was logged last
 
@@ -353,9 +353,10 @@ class ControllerNode:
             )
         # true if the state of the controller or the stage of its search has changed
         has_new_stage = _stage(self._controller_state) != _stage(before)
-        waits_for_new_reason = state is State.WAITING and output.reason != self._reason
+        # a robot that waits is logged again if the reason for its waiting has changed
+        has_new_reason = state is State.WAITING and output.reason != self._reason
         self._reason = output.reason
-        if has_new_stage or waits_for_new_reason:
+        if has_new_stage or has_new_reason:
             self._log_change(observation, before, output, control)
         self._log_smallest_range(scan, output)
 

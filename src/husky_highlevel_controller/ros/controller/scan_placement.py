@@ -94,9 +94,8 @@ class ScanPlacement:
         # newest scan that has come while the pending scan waits; it is the next pending scan
         self._next_scan: Optional[_PendingScan] = None
         self._has_placed = False  # true after the first observation
-        # None until a scan has waited for too long; then the stamp that the newest transform of odometry had
-        # at that moment. As long as no newer transform comes, odometry counts as stopped, and later scans do
-        # not wait.
+        # Stamp of the newest transform of odometry when a scan had waited for too long; None before that. As
+        # long as no newer transform comes, odometry counts as stopped, and later scans do not wait.
         self._stamp_when_overdue: Optional[rospy.Time] = None
         self._clock_offset = ClockOffset(MIN_OFFSET)  # measures how far the scans' clock is from odometry's
         self._unplaced_scans = 0  # number of scans in a row without a pose of the lidar
@@ -225,8 +224,8 @@ class ScanPlacement:
             return False, self.lookup(ODOM, BASE, stamp) or latest
         # From here on, the scan is newer than the latest transform.
         if newest_stamp.is_zero():
-            # A fixed transform has the stamp 0, and TF has it at every stamp. A moving transform has the
-            # stamp 0 only at the beginning of simulated time. TF does not have it at the stamp of the scan.
+            # The transform is fixed if TF also has it at the stamp of the scan. Otherwise it is a moving
+            # transform from the beginning of simulated time.
             fixed = self.lookup(ODOM, BASE, stamp)
             if fixed is not None:
                 return False, fixed

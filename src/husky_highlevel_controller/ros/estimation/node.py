@@ -77,7 +77,7 @@ class LocalizationNode:
         options = self._config.options
         # name of the robot's frame in published messages; base_link_frame_output may give it another name
         self._base_frame = options.base_link_frame_output or options.base_link_frame
-        # lock that is held while the filter is used, because each input has a thread of its own
+        # lock that is held while the filter is used, because each publisher has a thread of its own
         self._lock = threading.Lock()
         # [s] time of the last warning, by input and kind of warning
         self._complained_at: Dict[Tuple[str, str], float] = {}
@@ -109,8 +109,9 @@ class LocalizationNode:
         self._held_messages: Dict[str, List[Any]] = {name: [] for name in self._config.inputs}
         # [s] wall time of the first message of any input; 0 before this message
         self._first_heard_at = 0.0
-        # [s] wall time of the last usable message of each input, or NOW, or LONG_AGO; the filter does not
-        # wait for an input that has been silent for too long (see `_is_silent`)
+        # [s] Wall time of the last usable message of each input. Two values stand for no time: NOW while a
+        # message is being taken, and LONG_AGO if the input has sent no usable message. The filter does not
+        # wait for an input that has been silent for too long (see `_is_silent`).
         self._heard_at: Dict[str, float] = {}
 
     def _on_message(self, msg: Any, name: str) -> None:
@@ -212,7 +213,7 @@ class LocalizationNode:
         return now > self._heard_at[name] + SILENCE
 
     def _mounting(self, msg: Any, name: str) -> Optional[Mounting]:
-        """Return where a sensor is mounted: the poses of its message's frames in the frames of the filter.
+        """Return where a sensor is mounted: the poses of its frames, in the frames of the filter.
 
         An IMU has one frame. A message of odometry has two: the frame of its velocities, and the frame of its
         pose. The result is None, with a warning, if TF does not have a frame that the filter needs.

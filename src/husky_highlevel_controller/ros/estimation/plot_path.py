@@ -106,8 +106,7 @@ def _paths(sources: List[str]) -> Dict[str, np.ndarray]:
     """
     files = [source for source in sources if source.endswith(".bag")]
     topics = [source for source in sources if source not in files]
-    # pairs: the origin of some paths, which is "of run.bag" for a bag and "now" for all topics together; and
-    # these paths by topic
+    # each pair has the words for an origin, "of run.bag" or "now", and the paths from there, by their topics
     measured: List[Tuple[str, Dict[str, Points]]] = []
     for file in files:
         measured.append((f"of {file}", paths_of_bag(Path(file))))

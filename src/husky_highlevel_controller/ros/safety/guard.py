@@ -64,7 +64,7 @@ class Guard:
         """
         self._latch = Latch()  # memory of the last stop, so that each danger stops the controller only once
         self._odometry: Optional[Odometry] = None  # newest message of odometry; None before the first message
-        self._odometry_callback = on_odometry
+        self._odometry_callback = on_odometry  # the method `on_odometry` calls it with each message
         # measures the offset between the sensor's clock and odometry's clock
         self.clocks = ClockOffset(clock_tolerance)
         self._stop_service = rospy.resolve_name(config.start_stop_service_name)
