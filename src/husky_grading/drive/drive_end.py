@@ -45,8 +45,8 @@ class DriveEnd:
         self._touched_at = inf  # [s] time of the first touch of the pillar; inf if there is none
         # [m] gap between the robot's footprint and the pillar: now, and the smallest gap so far
         self._gap, self._nearest = 0.0, inf
-        # [s] time at which the straight path away from the pillar began, on which the robot is now. While the
-        # robot turns or comes nearer, this is the present time.
+        # [s] time at which the robot began to drive straight away from the pillar; set again to the present
+        # time whenever the robot turns or comes nearer
         self._leaving_since = 0.0
         self._heading = 0.0  # [rad] heading in the world at the time `_leaving_since`
 

@@ -214,7 +214,7 @@ def _texts(sources: Path) -> Dict[str, str]:
 
 
 def reads_in(log: str, sources: Path) -> List[Read]:
-    """Find the reads of values that were never written in the log of memcheck, and return them.
+    """Return the reads of values that were never written, from the log of memcheck.
 
     Only lines of the submission's `sources` count. A value that is only printed does not count.
     """

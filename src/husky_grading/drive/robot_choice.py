@@ -26,7 +26,7 @@ class RobotChoice:
     def after_hearing(self, heard: Optional[MarkingConfig]) -> RobotChoice:
         """Return the choice after the submission has subscribed to scans, which ends a guess.
 
-        `heard` has the settings of the robot with these scans. It is None if there is no such robot; the
+        `heard` has the settings of a robot that sends these scans. It is None if no robot can send them; the
         choice is then returned unchanged.
         """
         if heard is None or not self.is_guess:

@@ -18,8 +18,8 @@ def hide_places(text: str, folders: Iterable[Path]) -> str:
 
     A path inside of a folder is cut to its part behind the folder. The path of a folder becomes its name.
     """
-    # The neutral folder of the results counts, too. If the marking of another user is judged again, the text
-    # has the path of that user's neutral folder.
+    # A marking sees the folder of its results at another path, the neutral folder, which counts, too. If the
+    # marking of another user is judged again, the text has the path of that user's neutral folder.
     neutral_folders = map(Path, NEUTRAL_PATH.findall(text))
     # the root and the folder "." are not replaced, because "/" and "." are in most texts
     places = {*folders, *neutral_folders, *_own_places()} - {ROOT, Path()}

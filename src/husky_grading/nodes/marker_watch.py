@@ -185,7 +185,10 @@ class MarkerWatch:
         return problem
 
     def _shorten(self, marker: Marker) -> None:
-        """Remove the parts of a marker that do not place it, because a run keeps all markers in memory."""
+        """Cut the points and names of a marker to their limits, and remove the parts that do not place it.
+
+        A run keeps all markers in memory, so the markers must be small.
+        """
         marker.points = marker.points[: min(MAX_POINTS, self._points_left)]
         self._points_left -= len(marker.points)
         marker.colors, marker.text, marker.mesh_resource = [], "", ""

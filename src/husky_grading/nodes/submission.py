@@ -535,6 +535,7 @@ def main(arguments: List[str]) -> int:
     roslaunch.rlutil.update_terminal_name = lambda *_: None
     tolerate_failed_nodes()
     with contextlib.suppress(KeyboardInterrupt):
+        # the run id of the ROS master; True makes this call wait until the master answers
         run_id = roslaunch.rlutil.get_or_generate_uuid(None, True)
         parent = Parent(run_id, config, reporter)
         parent.start()
