@@ -152,9 +152,9 @@ def decide(
     Returns:
         The state for the next call, and the output.
     """
-    scan, stamp = observation.scan, observation.scan.stamp
     # a scan older than the last scan means that the simulator was started again; odom is then another frame,
     # so all remembered positions are wrong
+    stamp = observation.scan.stamp
     if stamp < controller_state.updated_at:
         controller_state = ControllerState()
     moved = _moved(controller_state, observation)
@@ -162,34 +162,30 @@ def decide(
         controller_state = _put_elsewhere(controller_state)
 
     # perception
-    pillars = find_pillars(scan, detector_config)
-    track, pillar, pillar_in_odom, visibility = _look(controller_state, observation, pillars)
-    target = _target(track.estimate, observation, pillar)
-    controller_state = _with_perception(controller_state, observation, track, target, control)
+    look = _look(controller_state, observation, find_pillars(observation.scan, detector_config))
+    estimate = look.track.estimate
+    target = _target(estimate, observation, look.pillar)
+    controller_state = _with_perception(controller_state, observation, look.track, target, control)
 
     # decision
-    action = _act(controller_state, observation, target, pillar is not None, visibility, enabled, control)
+    action = _act(controller_state, observation, target, look, enabled, control)
 
     # memory for the next scan
     remaining = remaining_distance(target, control) if target else nan
-    # a robot that arrived before and is stopped now has not left the pillar, as long as it is near the pillar
-    was_at_pillar = controller_state.at_pillar
-    is_near_pillar = target is not None and remaining <= RESUME_DISTANCE
-    at_pillar = action.state is State.ARRIVED or (was_at_pillar and is_near_pillar)
-    has_left_pillar = was_at_pillar and not at_pillar
+    at_pillar = action.state is State.ARRIVED or _is_still_at_pillar(controller_state, target, control)
     controller_state = controller_state._replace(
         state=action.state,
         at_pillar=at_pillar,
         search=action.search,
-        started_at=_started_at(controller_state, stamp, enabled, has_left_pillar),
+        started_at=_started_at(controller_state, stamp, enabled, at_pillar),
     )
     output = ControlOutput(
         state=action.state,
         at_pillar=at_pillar,
         twist=limited(action.twist, control),
-        pillar=pillar,
-        pillar_in_odom=pillar_in_odom,
-        estimate=aged(track.estimate, stamp) if track.estimate else None,
+        pillar=look.pillar,
+        pillar_in_odom=look.pillar_in_odom,
+        estimate=aged(estimate, stamp) if estimate else None,
         target_in_base=(target.x, target.y) if target else None,
         distance_error=remaining,
         bearing_error=target.bearing if target else nan,
@@ -319,21 +315,35 @@ def _close_at(
     return controller_state.close_at if target.gap <= RESUME_DISTANCE else None
 
 
+def _is_still_at_pillar(
+    controller_state: ControllerState, target: Optional[Target], control: ControlConfig
+) -> bool:
+    """Return whether the robot was at the pillar at the last scan, and has not left it since.
+
+    A robot that arrived and was then stopped by its service is still at the pillar. `target` is the pillar in
+    base_link; None if its position is unknown.
+    """
+    if target is None or not controller_state.at_pillar:
+        return False
+    return remaining_distance(target, control) <= RESUME_DISTANCE
+
+
 def _started_at(
-    controller_state: ControllerState, stamp: float, enabled: bool, has_left_pillar: bool
+    controller_state: ControllerState, stamp: float, enabled: bool, at_pillar: bool
 ) -> Optional[float]:
     """Return when the present drive to the pillar began [s]; None if the controller is stopped.
 
     A drive begins when the controller is started, and when an arrived robot leaves the pillar.
 
     Args:
-        controller_state: state with the beginning of the drive at the last scan.
+        controller_state: state with `at_pillar` and `started_at` of the last scan.
         stamp: stamp of this scan [s].
         enabled: whether the robot may move.
-        has_left_pillar: whether the robot was at the pillar at the last scan, and is no longer there.
+        at_pillar: whether the robot is at the pillar now.
     """
     if not enabled:
         return None
+    has_left_pillar = controller_state.at_pillar and not at_pillar
     if controller_state.started_at is None or has_left_pillar:
         return stamp
     return controller_state.started_at
@@ -352,8 +362,7 @@ def _act(
     controller_state: ControllerState,
     observation: Observation,
     target: Optional[Target],
-    pillar_seen: bool,
-    visibility: Visibility,
+    look: _Look,
     enabled: bool,
     control: ControlConfig,
 ) -> _Action:
@@ -366,8 +375,7 @@ def _act(
         controller_state: state with the track of this scan, and with the action of the last scan.
         observation: the scan, and the poses at its stamp.
         target: pillar in base_link, seen or remembered; None if its position is unknown.
-        pillar_seen: whether this scan shows the pillar.
-        visibility: whether the remembered position is hidden, out of view or empty in this scan.
+        look: sight of the pillar in this scan.
         enabled: whether the robot may move.
         control: gains and limits.
     """
@@ -375,6 +383,7 @@ def _act(
         return _Action(State.STOPPED, STOP, "stopped by its start/stop service")
     if observation.laser_in_base is None:
         return _wait(frame_sentence(observation.scan.frame))
+    pillar_seen = look.pillar is not None
     has_return = pillar_seen or observation.scan.valid_count > 0
     forced_wait = _forced_wait(controller_state, observation, target, has_return)
     if forced_wait is not None:
@@ -390,8 +399,7 @@ def _act(
         return _drive(
             controller_state,
             target,
-            pillar_seen,
-            visibility,
+            look,
             obstacles_in_base,
             observation.outline,
             control,
@@ -475,8 +483,7 @@ def _search(
 def _drive(
     controller_state: ControllerState,
     target: Target,
-    pillar_seen: bool,
-    visibility: Visibility,
+    look: _Look,
     obstacles_in_base: np.ndarray,
     outline: Footprint,
     control: ControlConfig,
@@ -489,12 +496,12 @@ def _drive(
     Args:
         controller_state: memory; `close_at` and `updated_at` are of this scan, `state` is of the last scan.
         target: pillar in base_link.
-        pillar_seen: whether this scan shows the pillar; the robot arrives only if it does.
-        visibility: whether the remembered position is hidden, out of view or empty in this scan.
+        look: sight of the pillar in this scan; the robot arrives only if the scan shows the pillar.
         obstacles_in_base: obstacles near the robot, (N, 2) [m].
         outline: footprint of the robot.
         control: gains and limits.
     """
+    pillar_seen = look.pillar is not None
     remaining = remaining_distance(target, control)
     action_at_stop = _action_at_stop(controller_state, target, remaining, pillar_seen, control)
     if action_at_stop is not None:
@@ -514,7 +521,7 @@ def _drive(
     if pillar_seen:
         reason = "driving to the pillar"
     else:
-        reason = f"the pillar is {visibility.value}; driving to its last position"
+        reason = f"the pillar is {look.visibility.value}; driving to its last position"
     return _Action(State.DRIVING, steer(target, control), reason)
 
 

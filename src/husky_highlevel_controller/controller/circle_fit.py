@@ -135,42 +135,56 @@ def fit_circle(segment: Segment, radius: float, noise: float) -> Circle:
     origin, directions = segment.near + radius, segment.directions
     points = segment.ranges * directions
     points[0] -= origin
-    # One column for each beam i: n_ix, n_iy, -1 and e_i, which are J_i and the error. The other names are
-    # parts of `rows`; `to_centre` has the two rows of the unit vectors n_i.
-    rows = np.empty((4, len(segment.ranges)))
-    rows[2] = -1.0
-    to_centre, to_centre_x, to_centre_y, error = rows[:2], rows[0], rows[1], rows[3]
-    x, y, r = 0.0, 0.0, radius
+    circle: Vector3 = (0.0, 0.0, radius)
     for _ in range(MAX_STEPS):
-        # `out` writes into the parts of `rows`, so that no new arrays are made
-        np.subtract(x, points[0], out=to_centre_x)
-        np.subtract(y, points[1], out=to_centre_y)
-        distance = np.hypot(to_centre_x, to_centre_y)
-        to_centre /= np.maximum(distance, 1e-9, out=distance)
-        np.subtract(distance, r, out=error)
-        cosine = np.add.reduce(to_centre * directions)  # sum over x and y, which is the product n_i . d_i
-        # A beam's four numbers are divided by cos_i. A product of two of these numbers then has the weight
-        # 1 / cos_i^2, so this matrix product gives all the weighted sums.
-        weighted = rows / np.maximum(cosine, MIN_COSINE, out=cosine)
-        products = (weighted @ weighted.T).tolist()
-        radius_before_step = r
-        (x, y, r), step_length = _improved((x, y, r), products, radius)
+        before = circle
+        errors, products = _errors(before, points, directions)
+        circle, step_length = _improved(before, products, radius)
         if step_length < _SETTLED:
             break
-    # `error` and `products` are those of the circle before the last step. This step is usually tiny, so the
+    # `errors` and `products` are those of the circle before the last step. This step is usually tiny, so the
     # errors count for the final circle, too.
-    residual = sqrt(float(error @ error) / len(error))
+    residual = sqrt(float(errors @ errors) / len(errors))
     sum_squared_error = products[3][3]  # sum_i w_i e_i^2
-    free_change, free_slack = _free_radius(products, len(error), noise)
+    free_change, free_slack = _free_radius(products, len(errors), noise)
+    x, y, r = circle
     return Circle(
         x=origin + x,
         y=y,
         radius=r,
-        free_radius=radius_before_step + free_change,
+        free_radius=before[2] + free_change,
         free_slack=free_slack,
         residual=residual,
         sum_squared_error=sum_squared_error,
     )
+
+
+def _errors(circle: Vector3, points: np.ndarray, directions: np.ndarray) -> Tuple[np.ndarray, Products]:
+    """Return the distance of each beam's end point from a circle, (M,) [m], and the sums that a step needs.
+
+    The distance is positive outside of the circle. The sums are weighted, see `fit_circle`.
+
+    Args:
+        circle: x, y and r [m], in the frame of `points`.
+        points: end points of the beams, (2, M) [m].
+        directions: unit vectors of the beams, (2, M).
+    """
+    x, y, r = circle
+    # one column for each beam i: n_ix, n_iy and -1, which are the derivatives of its error, and the error e_i
+    rows = np.empty((4, points.shape[1]))
+    # parts of `rows`, which the next lines fill
+    normals, (normal_x, normal_y, derivative_by_r, errors) = rows[:2], rows
+    derivative_by_r.fill(-1.0)
+    np.subtract(x, points[0], out=normal_x)
+    np.subtract(y, points[1], out=normal_y)
+    distance = np.hypot(normal_x, normal_y)  # distance of the end point from the centre
+    normals /= np.maximum(distance, 1e-9)
+    np.subtract(distance, r, out=errors)
+    cosine = np.add.reduce(normals * directions)  # sum over x and y, which is the product n_i . d_i
+    # A beam's four numbers are divided by cos_i. A product of two of these numbers then has the weight
+    # 1 / cos_i^2, so this matrix product gives all the weighted sums.
+    weighted = rows / np.maximum(cosine, MIN_COSINE)
+    return errors, (weighted @ weighted.T).tolist()
 
 
 def _improved(circle: Vector3, products: Products, radius: float) -> Tuple[Vector3, float]:

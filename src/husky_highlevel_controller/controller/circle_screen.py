@@ -110,82 +110,91 @@ def may_be_pillars(scan: Scan, segments: Segments, config: PillarConfig) -> Segm
     return segments.select(candidates)
 
 
+class _Beams(NamedTuple):
+    """Beams of S segments (B beams in all), segment by segment.
+
+    Each segment has a frame of its own: the lidar is the origin, and x points to the middle of the segment.
+    """
+
+    segment: np.ndarray  # (B,) index of the segment of each beam
+    cosines: np.ndarray  # (B,) x of the beam's unit vector
+    sines: np.ndarray  # (B,) y of the beam's unit vector
+    end_x: np.ndarray  # (B,) [m] x of the beam's end point
+    end_y: np.ndarray  # (B,) [m] y of the beam's end point
+
+
+class _Errors(NamedTuple):
+    """Errors of B beams, each from the circle of its segment, arrays of (B,)."""
+
+    # Derivatives of the error by x and y of the circle's centre. They are also the unit vector from the
+    # beam's end point to the centre.
+    dx: np.ndarray
+    dy: np.ndarray
+    error: np.ndarray  # [m] distance of the end point from the circle, positive outside
+    # The fit minimises errors along the beams. Such an error is `error` / cosine of the angle between the
+    # beam and (dx, dy), so the square of `error` counts with the weight 1 / cosine^2.
+    weight: np.ndarray
+
+
 def _geometric_fits(segments: Segments, radius: float, noise: float) -> _Fits:
     """Fit a circle to each segment as `fit_circle` does, and compare it with a line (`_Fits.line_lead`).
 
     A circle is fitted by steps of Gauss-Newton, which make the errors along the beams small and count the
-    expected radius like one more measurement. The arrays of B beams lie segment by segment.
+    expected radius like one more measurement.
 
     Args:
         segments: beams to fit.
         radius: expected radius [m].
         noise: range differences below this are noise [m].
     """
-    beams, ranges, count, near, step = segments
+    indices, ranges, count, near, step = segments
     starts = segments.starts
-    segment_of_beam = np.repeat(np.arange(len(count)), count)  # (B,) index of the segment of each beam
-    first, last = beams[starts], beams[starts + count - 1]
-    # directions and end points of all beams, (B,); each segment has its own frame, whose x axis points to the
-    # middle of the segment
-    angles = step * (beams - (0.5 * (first + last))[segment_of_beam])
+    first, last = indices[starts], indices[starts + count - 1]
+    segment_of_beam = np.repeat(np.arange(len(count)), count)
+    angles = step * (indices - (0.5 * (first + last))[segment_of_beam])
     cosines, sines = np.cos(angles), np.sin(angles)
-    px, py = ranges * cosines, ranges * sines
+    beams = _Beams(segment_of_beam, cosines, sines, ranges * cosines, ranges * sines)
     # one circle for each segment, (S,) [m]: the centre is (origin + x, y), the radius is r. (origin, 0) is
     # where `fit_step` expects the centre: one radius behind the segment's shortest range.
     origin = near + radius
     x, y, r = np.zeros(len(count)), np.zeros(len(count)), np.full(len(count), radius)
-    summands = np.empty((9, len(beams)))  # memory for `_products`, which each step uses again
-
-    def beam_errors() -> Tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Return the derivatives of each beam's error by x and y, the error [m], and its weight.
-
-        The error is the distance of the beam's end point from the present circle. Its derivatives (dx, dy)
-        are also the unit vector from the end point to the centre. The fit minimises the squares of errors
-        along the beams. An error along the beam is error / cosine of the angle between the beam and (dx, dy),
-        so the weight is 1 / cosine^2.
-        """
-        dx, dy = (origin + x)[segment_of_beam] - px, y[segment_of_beam] - py
-        distance = np.maximum(np.sqrt(dx * dx + dy * dy), 1e-9)
-        dx /= distance
-        dy /= distance
-        cosine = np.maximum(dx * cosines + dy * sines, MIN_COSINE)
-        return dx, dy, distance - r[segment_of_beam], np.divide(1.0, cosine * cosine)
-
+    summands = np.empty((9, len(indices)))  # memory for `_products`, which each step uses again
     for _ in range(MAX_STEPS):
-        dx, dy, error, weight = beam_errors()
-        products = _products(dx, dy, error, weight, starts, summands)
+        errors = _beam_errors(beams, origin + x, y, r)
+        products = _products(errors, starts, summands)
         step_x, step_y, step_r = fit_step((x, y, r), products, radius)
         longest = np.maximum(np.maximum(np.abs(step_x), np.abs(step_y)), np.abs(step_r))
         fraction = radius / np.maximum(longest, radius)  # below 1 if the step is longer than the radius
         x, y = x - fraction * step_x, y - fraction * step_y
-        r = np.maximum(r - fraction * step_r, 0.1 * radius)
+        r = np.maximum(r - fraction * step_r, 0.1 * radius)  # the lower limit keeps the radius above zero
 
-    _, _, error, weight = beam_errors()
-    residual, line_lead = _residuals_and_line_leads(segments, error, weight, (px, py), noise)
+    errors = _beam_errors(beams, origin + x, y, r)
+    residual, line_lead = _residuals_and_line_leads(segments, beams, errors, noise)
     return _Fits(origin + x, y, r, residual, line_lead, near, count, first, last)
 
 
-def _products(
-    dx: np.ndarray,
-    dy: np.ndarray,
-    error: np.ndarray,
-    weight: np.ndarray,
-    starts: np.ndarray,
-    summands: np.ndarray,
-) -> List[List[np.ndarray]]:
+def _beam_errors(beams: _Beams, x: np.ndarray, y: np.ndarray, r: np.ndarray) -> _Errors:
+    """Return the errors of all beams from circles with the centre (x, y) and the radius r, (S,) each [m]."""
+    dx, dy = x[beams.segment] - beams.end_x, y[beams.segment] - beams.end_y
+    distance = np.maximum(np.sqrt(dx * dx + dy * dy), 1e-9)
+    dx /= distance
+    dy /= distance
+    cosine = np.maximum(dx * beams.cosines + dy * beams.sines, MIN_COSINE)
+    return _Errors(dx, dy, distance - r[beams.segment], np.divide(1.0, cosine * cosine))
+
+
+def _products(errors: _Errors, starts: np.ndarray, summands: np.ndarray) -> List[List[np.ndarray]]:
     """Return the sums over the beams of each segment that `fit_step` needs, (S,) each.
 
     As in `Products`, xe is the sum of (derivative of the error by x) * error * weight, and so on. The fourth
     row is empty, because `fit_step` does not use it.
 
     Args:
-        dx: derivative of each beam's error by x, (B,).
-        dy: derivative of each beam's error by y, (B,).
-        error: error of each beam, (B,) [m].
-        weight: weight of each beam, (B,).
+        errors: errors of B beams, with their derivatives and weights.
         starts: index at which each segment begins, (S,).
         summands: memory for the summands of the nine sums, (9, B).
     """
+    dx, dy, error, weight = errors
     wx, wy, we = weight * dx, weight * dy, weight * error
     # `out` writes into `summands`, so that no new arrays are made
     np.multiply(wx, dx, out=summands[0])
@@ -201,11 +210,7 @@ def _products(
 
 
 def _residuals_and_line_leads(
-    segments: Segments,
-    error: np.ndarray,
-    weight: np.ndarray,
-    ends: Tuple[np.ndarray, np.ndarray],
-    noise: float,
+    segments: Segments, beams: _Beams, errors: _Errors, noise: float
 ) -> Tuple[np.ndarray, np.ndarray]:
     """Return how well each circle fits (`_Fits.residual`), and whether a line fits better (`line_lead`).
 
@@ -213,20 +218,19 @@ def _residuals_and_line_leads(
     with the number of beams, because with more beams the difference is less likely to be noise.
 
     Args:
-        segments: beams of S segments, B beams in all.
-        error: distance of each beam's end point from the circle of its segment, (B,) [m].
-        weight: weight of each beam in the fit, (B,).
-        ends: x and y of the end points, each in the frame of its segment, (B,) [m].
+        segments: S segments.
+        beams: all their beams, B.
+        errors: errors of the beams, each from the circle of its segment.
         noise: range differences below this are noise [m].
     """
-    ranges, count, (px, py) = segments.ranges, segments.counts, ends
-    squares = error * error
+    ranges, count = segments.ranges, segments.counts
+    squares = errors.error * errors.error
     # products of each beam that `line_squared_error` needs, with u = r^2 cos and v = r^2 sin
-    u, v = ranges * px, ranges * py
+    u, v = ranges * beams.end_x, ranges * beams.end_y
     line_terms = (u * u, u * v, v * v, u * ranges, v * ranges, ranges * ranges)
     # sums over the beams of each segment, (S,): squared distances from the circle, squared errors of the
     # circle along the beams, and the six sums for the line
-    summands = np.stack((squares, weight * squares, *line_terms))
+    summands = np.stack((squares, errors.weight * squares, *line_terms))
     sums = np.add.reduceat(summands, segments.starts, axis=1)
     squared_distances, circle_error, line_error = sums[0], sums[1], line_squared_error(sums[2:])
     # the squared errors that noise alone would make are added to both, so that differences below the noise do
@@ -284,7 +288,7 @@ def _sampled_beams(
         segment itself, or if a row has more places than there are beams that should meet the circle.
     """
     step = abs(scan.angle_increment)
-    # beams that pass the centre within `inner_radius` [m] should meet the circle
+    # [m] a beam should meet the circle if it passes the circle's centre at this distance or less
     inner_radius = np.maximum(INNER_PART * fits.radius - INNER_RESIDUALS * fits.residual - _MARGIN, 0.0)
     # `half_width` is the angle between the outermost of these beams and the centre, as a number of beams
     half_angle = np.arcsin(np.minimum(inner_radius / np.maximum(distance, 1e-9), 1.0))

@@ -284,8 +284,8 @@ class CrashDetector:
         periods = [after - before for after, before in zip(newest_stamps, newest_stamps[1:])]
         # a lost message makes a period too long, so the shorter period counts
         period = min(periods, default=0.0)
-        # The next odometry is expected `period` after the newest one. The sample does not need it if the
-        # judged change ends before. This change ends LATENESS before the sample.
+        # The next odometry is expected `period` after the newest one, and the speed counts as unchanged until
+        # then. So the sample waits only if the judged change, which ends LATENESS before it, ends later.
         newer_than_odometry = stamp - newest_stamps[0]
         return newer_than_odometry <= period + LATENESS
 

@@ -94,20 +94,22 @@ class ClockOffset:
         message_period = abs(stamp - begin.message) / (self._message_count - 1)
         # If the clocks are equal, the differences lie between 0 and `period`. For example, if a reference
         # comes every 0.1 s, the message of 0.53 s is compared with the reference of 0.5 s, and the difference
-        # is 0.03 s. The first message after a reference differs by at most `message_period`.
-        smallest_if_equal = min(period, message_period)
-        # the last message before the next reference has the largest difference
-        largest_if_equal = period
-        # The tolerance is for delays in wall time. If simulated time passes faster than wall time, the same
-        # delay is longer in simulated time.
+        # is 0.03 s. Some message comes within `message_period` after a reference, so the smallest difference
+        # is at most this. For the same reason, the largest difference is less than `period` by at most this.
+        uncertainty = min(period, message_period)
+        # Delays in wall time also change the differences. If simulated time passes faster than wall time, the
+        # same delay is longer in simulated time.
         clock_rate = max(progress / (now - begin.wall_time), 1.0)
-        tolerance = self._tolerance * clock_rate + smallest_if_equal
-        # the clock of the messages is ahead if even the smallest difference is too large
-        if self._smallest_difference > tolerance:
-            return self._smallest_difference
-        # the clock of the messages is behind if even the largest difference is too small
-        offset = self._largest_difference - largest_if_equal
-        return offset if offset < -tolerance else 0.0
+        tolerance = self._tolerance * clock_rate + uncertainty
+        # the messages are ahead by at most this, because with equal clocks no difference is below 0
+        ahead = self._smallest_difference
+        if ahead > tolerance:
+            return ahead
+        # the messages are behind by at most this, because with equal clocks no difference is above `period`
+        behind = period - self._largest_difference
+        if behind > tolerance:
+            return -behind
+        return 0.0
 
 
 def clock_sentence(who: str, seconds: float, reference: str) -> str:

@@ -25,7 +25,8 @@ from husky_highlevel_controller.datatypes import Pose, Scan
 from husky_highlevel_controller.geometry import inverse, transform_point
 
 EMPTY_TIMEOUT = 0.5  # [s] a pillar is given up if its remembered position looks empty for longer than this
-# while a nearer object hides a near remembered position, only this fraction of the time counts as empty
+# If the pillar should be near, and another object hides its position, only this fraction of the time counts
+# as time in which the position looks empty.
 _HIDDEN_WEIGHT = 0.1
 # [m] a remembered position counts as near if it is closer to the lidar than this; the lidar should see a
 # pillar that is so near
@@ -301,8 +302,8 @@ def look_at(estimate: Estimate, scan: Scan, laser_in_odom: Pose) -> Visibility:
     distance = hypot(x, y)
     if step == 0.0 or distance - estimate.radius > scan.range_max:
         return Visibility.OUT_OF_VIEW
-    # Beams that pass the centre within this should meet the pillar [m]. The outermost tenth is left out,
-    # because a small error of the position can make a beam miss the pillar there.
+    # [m] A beam should meet the pillar if it passes the pillar's centre at this distance or less. Farther
+    # from the centre, a small error of the position can make the beam miss the pillar.
     inner_radius = 0.9 * estimate.radius
     half_angle = asin(min(inner_radius / max(distance, 1e-9), 1.0))
     half_width = half_angle / abs(step)  # the angle as a number of beams

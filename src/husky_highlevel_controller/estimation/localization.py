@@ -111,6 +111,7 @@ class Localization:
             # the first measurement starts the filter, so the first estimate is for the first full period that
             # is not before this reading
             self._next_period = ceil((stamp - SAME_TIME) * self._frequency)
+        # [rad/s] yaw rate after the last measurement; 0 before the filter has started
         yaw_rate = float(self._ekf.estimate.state[YAW_RATE])
         for measurement in self._sensors[name].measurements(reading, mounting, yaw_rate):
             self._ekf.process(measurement)

@@ -142,8 +142,15 @@ class MotionSensor:
         """
         if reading.pose is None or not self._pose_used.any():
             return None
-        pose, turn = self._pose_and_turn(reading.pose, mounting)
-        # the used values and the covariance are along the axes of the reading, so they are turned
+        pose = reading.pose
+        if self._is_imu:
+            pose, turn = _level_attitude(pose, mounting.sensor_in_base)
+        elif self._config.differential:
+            turn = Pose().quat_xyzw  # the velocity is along the axes of base_link, as the pose is
+        else:
+            turn = mounting.pose_frame_in_odom.quat_xyzw
+        # The used values and the covariance are along the axes of the reading. They are turned to the axes of
+        # the measurement that is returned.
         axes = matrix_from_quat(turn)
         used, covariance = _turned(axes, self._pose_used), _turned_covariance(axes, reading.pose_covariance)
         if self._config.differential:
@@ -151,22 +158,11 @@ class MotionSensor:
         if self._config.relative:
             self._first_pose = self._first_pose or pose
             pose = compose(inverse(self._first_pose), pose)
-        # odometry gives its pose in a frame of its own; an IMU gives only an attitude, which needs no frame
+        # odometry gives its pose in a frame of its own, so it is turned to odom like the covariance above; an
+        # IMU gives only an attitude, which needs no frame
         if not self._is_imu:
             pose = compose(mounting.pose_frame_in_odom, pose)
         return _planar(reading.stamp, (X, Y, YAW), used, _numbers(pose), covariance)
-
-    def _pose_and_turn(self, measured_pose: Pose, mounting: Mounting) -> Tuple[Pose, Quaternion]:
-        """Return the measured pose of base_link, and the rotation from the reading's axes to the final axes.
-
-        The final axes are those of the measurement that `_pose` returns. The returned pose of odometry is
-        still in the frame in which odometry gives its poses.
-        """
-        if self._is_imu:
-            return _level_attitude(measured_pose, mounting.sensor_in_base)
-        if self._config.differential:
-            return measured_pose, Pose().quat_xyzw  # a velocity is along base_link's axes already
-        return measured_pose, mounting.pose_frame_in_odom.quat_xyzw
 
     def _velocity_since_last(
         self, stamp: float, pose: Pose, used: np.ndarray, covariance: np.ndarray
@@ -222,9 +218,10 @@ class MotionSensor:
         force = reading.specific_force
         if self._config.remove_gravitational_acceleration:
             # An accelerometer at rest measures a force upwards. This force, turned to the sensor's axes, is
-            # subtracted. Without a measured attitude, the robot is taken to be level.
-            attitude = reading.pose.quat_xyzw if reading.pose else sensor_in_base.quat_xyzw
-            force = force - rotate(quat_inverse(attitude), (0.0, 0.0, self._gravity))
+            # subtracted. The pose in an IMU's reading is the attitude of the IMU itself. Without this pose,
+            # the robot is taken to be level, so the mounting alone gives the attitude of the IMU.
+            sensor_attitude = reading.pose.quat_xyzw if reading.pose else sensor_in_base.quat_xyzw
+            force = force - rotate(quat_inverse(sensor_attitude), (0.0, 0.0, self._gravity))
         # the turning of the robot gives a sensor at (x, y) the acceleration -(x, y) * yaw_rate^2, which is
         # subtracted
         values = (axes @ force)[:2] + np.array(sensor_in_base.position[:2]) * yaw_rate**2
