@@ -40,12 +40,10 @@ SET_BOOL = "std_srvs/SetBool"
 # Values of the four calls; a submission may stop at False and start at True, or the other way round. The
 # first value that stops the robot is sent twice, because a second stop must not start the robot.
 CALLS = (False, True, False, True)
-DRIVES = 0.1  # [m/s] the robot has begun to drive if its speed is above this
 # [s] the first call comes FIRST_CALL after the robot has begun to drive, but at the latest at the simulated
 # time LATEST_FIRST_CALL
 FIRST_CALL, LATEST_FIRST_CALL = 1.0, 8.0
-# [s] a call may be the reason why the submission sends no more commands if the last command came at most this
-# simulated time after the call
+# [s] a submission that obeys a stop may still send commands for this simulated time after the call
 OBEYED = 0.5
 NO_SERVICE = 25.0  # [s] the run is over if the submission has offered no service by this simulated time
 # hints
@@ -93,48 +91,46 @@ class CallPlan:
     The first value that stops the robot is sent once more.
     """
 
-    values_sent: int = 0  # number of the values CALLS that were sent so far; a repeated value counts once
-    has_repeated: bool = False  # true if a value was sent once more
+    to_send: List[bool] = field(default_factory=lambda: list(CALLS))  # values that are not sent yet
+    last_value: Optional[bool] = None  # value of the last call; None before the first call
     drove_at_last_call: bool = False  # true if the robot drove when the last call was made
-    # [s] simulated time of the last answer; inf while an answer is awaited, -inf before the first call
-    answered_at: float = -inf
-    first_drove_at: float = inf  # [s] simulated time at which the robot first drove; inf if it has not driven
+    has_repeated: bool = False  # true if a value was sent once more
+    # [s] simulated time from which the next call may be made; inf while the last call has no answer
+    next_call_at: float = LATEST_FIRST_CALL
 
     def due(self, now: float, speed: float) -> Optional[bool]:
         """Return the value to send now [s], and count this call as made; None if no call is due.
 
         `speed` is the robot's speed [m/s].
         """
-        drives, stands = abs(speed) > DRIVES, abs(speed) <= STANDING_SPEED
-        if drives:
-            self.first_drove_at = min(self.first_drove_at, now)
-        first_call_at = min(self.first_drove_at + FIRST_CALL, LATEST_FIRST_CALL)  # [s]
-        # The effect of a call is measured until EFFECT_END after its answer, so the next call comes only
-        # then. While an answer is awaited, `answered_at` is inf, so no call is due.
-        if now < max(first_call_at, self.answered_at + EFFECT_END):
+        drives, stands = abs(speed) > DRIVING_SPEED, abs(speed) <= STANDING_SPEED
+        is_before_first_call = self.last_value is None
+        if is_before_first_call and drives:
+            self.next_call_at = min(self.next_call_at, now + FIRST_CALL)
+        if now < self.next_call_at:
             return None
         has_last_call_stopped_it = self.drove_at_last_call and stands
         if has_last_call_stopped_it and not self.has_repeated:
-            # the value of the last call is sent again, so `values_sent` does not change
+            value = self.last_value
             self.has_repeated = True
-        elif self.values_sent < len(CALLS):
-            self.values_sent += 1
-        else:  # all values were sent
+        elif self.to_send:
+            value = self.to_send.pop(0)
+        else:
             return None
-        self.drove_at_last_call = drives
-        self.answered_at = inf  # the answer to this call is awaited
-        return CALLS[self.values_sent - 1]
+        self.last_value, self.drove_at_last_call = value, drives
+        self.next_call_at = inf
+        return value
 
     def answered(self, now: float) -> None:
         """Note that the last call was answered at this time [s], or will not be answered."""
-        self.answered_at = now
+        # until this time, the effect of the last call is measured, so no other call may change it
+        self.next_call_at = now + EFFECT_END
 
     def reason(self, now: float, has_service: bool) -> Optional[Note]:
         """Return why the run is over at this time [s], or None if it goes on."""
         if not has_service and now > NO_SERVICE:
             return Note(Kind.NO_SERVICE, f"it offered no start/stop service for {NO_SERVICE:g} s")
-        has_last_effect = now >= self.answered_at + EFFECT_END
-        if self.values_sent >= len(CALLS) and has_last_effect:
+        if not self.to_send and now >= self.next_call_at:
             return Note(Kind.PLAN_DONE, "all calls are made")
         return None
 
@@ -185,9 +181,9 @@ class ServiceWatch(Watch):
         return None
 
     def has_silenced(self, last_command: float) -> bool:
-        """Return whether a call came at most OBEYED before the last command [s, simulated], or after it.
+        """Return whether a call may be the reason why no command came after `last_command` [s, simulated].
 
-        The missing commands are then no fault, because the call may have asked for a stop.
+        Each call counts, because it may have asked for a stop. Missing commands are then no fault.
         """
         calls = list(self._calls)
         if self._waiting_call:
@@ -245,8 +241,7 @@ def judge_calls(recording: Recording) -> List[Item]:
     if not all_effects:
         evidence = by_hand(f"{service}: the run ended before the effect of a call could be seen")
         return [replace(item, points=None, evidence=evidence) for item in (stop, start)]
-    # `restarts` has the calls that repeated the value for a stop, but started the robot
-    effects, restarts = _take_out_repeats(all_effects)
+    effects, restarts = _without_repeats(all_effects), _find_restarts(all_effects)
     while_driving = [effect for effect in effects if effect.drove_before]
     if not while_driving:
         return _judge_from_rest(stop, start, service, recording, effects)
@@ -255,22 +250,24 @@ def judge_calls(recording: Recording) -> List[Item]:
     return _judge_after_stop(stop, start, service, effects, restarts)
 
 
-def _take_out_repeats(effects: Sequence[Effect]) -> Tuple[List[Effect], List[Effect]]:
-    """Return two lists: effects of calls with a new value, and effects of repeated values that are wrong.
+def _without_repeats(effects: Sequence[Effect]) -> List[Effect]:
+    """Return the effect of the first call, and of each call with another value than the call before it."""
+    pairs = zip(effects, effects[1:])
+    changes = [effect for previous, effect in pairs if effect.call.data is not previous.call.data]
+    return [*effects[:1], *changes]
 
-    A value is new if the call before had the other value. The first call has a new value, too.
 
-    A repeated value is wrong if the robot has just stopped by this value, and now starts again. The service
-    then ignores the value, and each call switches between standing and driving. A repeated value without
-    this fault is in neither list, because it proves nothing more.
+def _find_restarts(effects: Sequence[Effect]) -> List[Effect]:
+    """Return the effects of calls that start the robot by the value that has just stopped it.
+
+    The service then ignores the value, and each call only switches between standing and driving.
     """
-    effects_of_new_values, restarts = list(effects[:1]), []
+    restarts = []
     for previous, effect in zip(effects, effects[1:]):
-        if effect.call.data is not previous.call.data:
-            effects_of_new_values.append(effect)
-        elif previous.stopped and effect.after >= DRIVING_SPEED:
+        is_repeat = effect.call.data is previous.call.data
+        if is_repeat and previous.stopped and effect.after >= DRIVING_SPEED:
             restarts.append(effect)
-    return effects_of_new_values, restarts
+    return restarts
 
 
 def _judge_no_calls(items: Sequence[Item], recording: Recording, observed: ServiceCalls) -> List[Item]:
@@ -302,13 +299,16 @@ def _judge_after_stop(
         stop: item on stops, without evidence.
         start: item on starts, without evidence.
         service: name of the service.
-        effects: effects of the calls with a new value; at least one of them has stopped the robot.
-        restarts: effects of calls that repeated the value for a stop, but started the robot.
+        effects: effects of all calls except repeats of a value; at least one has stopped the robot.
+        restarts: effects of calls that start the robot by the value that has just stopped it.
     """
     stop_value = restarts[0].call.data if restarts else _stopping_value(effects)
     # a call to a robot that already stood proves nothing about stops
     stops = [effect for effect in effects if effect.call.data is stop_value and effect.drove_before]
-    stop = _judge_stops(stop, service, stops, restarts)
+    # a restart is a failed stop, because the robot drives after the value for a stop
+    stops += restarts
+    failed_stops = [effect for effect in stops if not effect.stopped]
+    stop = _with_points(stop, f"{service}: stands", stops, failed_stops)
     starts = _starts_after_stops(effects, stop_value)
     if restarts and not starts:
         value = str(stop_value).lower()
@@ -399,20 +399,6 @@ def _measure_effects(recording: Recording, calls: Sequence[Call]) -> List[Effect
     return effects
 
 
-def _judge_stops(item: Item, service: str, effects: Sequence[Effect], restarts: Sequence[Effect]) -> Item:
-    """Return the item on stops, by the share of calls that stopped a driving robot.
-
-    Args:
-        item: item on stops, without evidence.
-        service: name of the service.
-        effects: effects of the calls to a driving robot with the value that stops it, at least one.
-        restarts: effects of calls that repeated this value, but started the robot.
-    """
-    failures = [effect for effect in effects if not effect.stopped]
-    # each restart is a failure, too, because a call with the value for a stop has started the robot
-    return _with_points(item, f"{service}: stands", [*effects, *restarts], [*failures, *restarts])
-
-
 def _judge_starts(item: Item, service: str, effects: Sequence[Effect]) -> Item:
     """Return the item on starts, by the effects of calls to a robot that an earlier call had stopped.
 
@@ -438,7 +424,7 @@ def _judge_from_rest(
         start: item on starts, without evidence.
         service: name of the service.
         recording: recording of the run.
-        effects: effects of the calls with a new value.
+        effects: effects of all calls except repeats of a value.
     """
     stop = replace(
         stop, points=None, evidence=by_hand(f"{service}: the robot already stood before each call")
@@ -459,7 +445,7 @@ def _with_points(item: Item, reaction: str, effects: Sequence[Effect], failures:
         item: item without evidence.
         reaction: beginning of the evidence, such as "/start_stop: stands".
         effects: effects of the calls that are graded, at least one.
-        failures: those of `effects` whose calls did not work.
+        failures: effects of the graded calls that did not work.
     """
     successes = len(effects) - len(failures)
     evidence = f"{reaction} after {successes} of {len(effects)} calls"
