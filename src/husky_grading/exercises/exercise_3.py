@@ -179,15 +179,16 @@ def _explain_short_way(recording: Recording) -> Tuple[str, str]:
     explanation is a mistake in the steering, or the stop itself.
     """
     steering = explain_steering(recording)
-    # A robot that turns away from the pillar often stops afterwards, because many nodes send no command while
-    # the pillar is out of sight. The stop then only follows from the turn, so the hint is on the turn.
-    turns_away = steering.is_seen_to_turn_away
     cause = cause_of_stop(recording)
     if cause is not None:
-        cause_follows_from_turn = turns_away and cause.kind is Kind.COMMANDS_CEASE
-        return as_ending(cause), steering.hint if cause_follows_from_turn else hint_on(cause)
+        # A robot that turns away from the pillar often stops afterwards, because many nodes send no command
+        # while the pillar is out of sight. The stop then only follows from the turn, so the hint is on the
+        # turn.
+        if steering.has_turned_away and cause.kind is Kind.COMMANDS_CEASE:
+            return as_ending(cause), steering.hint
+        return as_ending(cause), hint_on(cause)
     has_stopped = _stands_since(recording) is not None and recording.driving.any()
-    if has_stopped and not turns_away:
+    if has_stopped and not steering.has_turned_away:
         return "", STOPS
     return steering.ending, steering.hint
 

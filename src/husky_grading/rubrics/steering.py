@@ -32,8 +32,7 @@ class Explanation(NamedTuple):
 
     ending: str  # end of the sentence in the report, such as "; it drives backwards"; may be empty
     hint: str
-    # true if the robot turned away from a pillar to its side, and did not only drive straight on
-    is_seen_to_turn_away: bool = False
+    has_turned_away: bool = False  # true if fast turns have led away from the pillar
 
 
 def explain_steering(recording: Recording) -> Explanation:
@@ -61,13 +60,7 @@ def _explain_turns(recording: Recording, speeds: np.ndarray, turns: np.ndarray) 
         speeds: (M,) [m/s] speeds while the robot moves.
         turns: (M,) [rad/s] rates of turn at the same moments, positive to the left.
     """
-    # (N,) [m] each, way from the robot to the pillar, in the world
-    dx, dy = (np.array(recording.pillar) - recording.poses[:, :2]).T
-    # (N,) [rad] direction of the pillar seen from the robot, positive to the left
-    all_bearings = np.arctan2(dy, dx) - recording.poses[:, 2]
-    bearings = all_bearings[recording.moving]  # (M,) [rad] direction at the moments of `speeds` and `turns`
-    # The sine is positive while the pillar is to the left. It needs no angle between -pi and pi.
-    sines = np.sin(bearings)
+    sines = _sines_of_bearings(recording)  # (M,), positive while the pillar is to the left
     # only moments with the pillar to the side can show whether a turn leads towards the pillar
     is_aside = np.abs(sines) > ASIDE
     turns_aside = turns[is_aside]  # (K,) [rad/s]
@@ -82,11 +75,33 @@ def _explain_turns(recording: Recording, speeds: np.ndarray, turns: np.ndarray) 
     if fraction_to_pillar > 1.0 - MOSTLY:
         # the robot turns sometimes towards the pillar and sometimes away from it
         return Explanation(_say_one_way(turns), hint=SWERVES)
-    # The sign of angular.z is probably wrong. But a robot that drives nearly straight on has only slow turns,
-    # and only fast turns prove that the robot has turned away.
-    fast_is_to_pillar = is_to_pillar[np.abs(turns_aside) > TURNS_ON]
-    turns_away = len(fast_is_to_pillar) > 0 and float(np.mean(fast_is_to_pillar)) <= 1.0 - MOSTLY
-    return Explanation(ending="", hint=TURNS, is_seen_to_turn_away=turns_away)
+    # most turns lead away from the pillar, so the sign of angular.z is probably wrong
+    return Explanation("", hint=TURNS, has_turned_away=_has_turned_away(turns_aside, is_to_pillar))
+
+
+def _sines_of_bearings(recording: Recording) -> np.ndarray:
+    """Return the sine of the pillar's bearing at the moments at which the robot moves, (M,).
+
+    The sine is positive while the pillar is to the left of the robot, and negative while it is to the right.
+    """
+    # (N,) [m] each, way from the robot to the pillar, in the world
+    dx, dy = (np.array(recording.pillar) - recording.poses[:, :2]).T
+    # (N,) [rad] direction of the pillar seen from the robot, positive to the left
+    bearings = np.arctan2(dy, dx) - recording.poses[:, 2]
+    return np.sin(bearings[recording.moving])
+
+
+def _has_turned_away(turns: np.ndarray, is_to_pillar: np.ndarray) -> bool:
+    """Return whether most of the fast turns lead away from the pillar.
+
+    Slow turns prove nothing, because a robot that drives nearly straight on has slow turns, too.
+
+    Args:
+        turns: (K,) [rad/s] rates of turn while the pillar is to the side, positive to the left.
+        is_to_pillar: (K,) true for turns towards the pillar.
+    """
+    fast_is_to_pillar = is_to_pillar[np.abs(turns) > TURNS_ON]
+    return len(fast_is_to_pillar) > 0 and float(np.mean(fast_is_to_pillar)) <= 1.0 - MOSTLY
 
 
 def _say_one_way(turns: np.ndarray) -> str:

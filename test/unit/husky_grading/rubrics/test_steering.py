@@ -49,4 +49,4 @@ def test_who_turns_to_the_pillar_is_told_that_the_turn_is_too_slow():
 
 @pytest.mark.parametrize(("rate", "turns_away"), [(-0.1, True), (-0.01, False), (0.0, False), (0.05, False)])
 def test_only_a_fast_turn_to_the_other_side_is_a_turn_away(rate, turns_away):
-    assert explain_steering(turning([rate])).is_seen_to_turn_away == turns_away
+    assert explain_steering(turning([rate])).has_turned_away == turns_away
