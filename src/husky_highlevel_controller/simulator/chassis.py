@@ -13,7 +13,12 @@ from husky_highlevel_controller.geometry import along_axes, axes_from_quat, comp
 from husky_highlevel_controller.simulator.bullet.robot import RobotWorld
 from husky_highlevel_controller.simulator.bullet.world import ROBOT
 from husky_highlevel_controller.simulator.models.robot_model import FLANK_DEPTH, RobotModel
-from husky_highlevel_controller.simulator.traction import TractionConfig, WheelContact, ground_forces
+from husky_highlevel_controller.simulator.traction import (
+    TractionConfig,
+    Vector2,
+    WheelContact,
+    ground_forces,
+)
 
 # [s] time constant of the low-pass filter for the normal forces on the wheels, because the forces from
 # Bullet's solver are noisy
@@ -112,40 +117,13 @@ class Chassis:
         their motors are computed, too. The loads and the contact points of the wheels come from the last
         `update_contacts`.
         """
-        robot, state, dt = self._robot, self.state, self._dt
-        # 1. force of the ground on each tyre; all positions are relative to the centre of mass
-        com_x, com_y, _ = robot.com
-        contacts = [
-            WheelContact(point[0] - com_x, point[1] - com_y, load, speed * radius)
-            for point, load, speed, radius in zip(self._footprints, self._loads, speeds, self._radii)
-        ]
-        (vx, vy, _), (_, _, yaw_rate) = state.velocity_in_base, state.angular_velocity_in_base
-        downhill_x, downhill_y = self._downhill()
-        velocity_of_com = (vx - yaw_rate * com_y, vy + yaw_rate * com_x, yaw_rate)
-        forces = ground_forces(  # [N] each force is (forwards, to the left)
-            contacts,
-            velocity=velocity_of_com,
-            external=(robot.mass * downhill_x, robot.mass * downhill_y),
-            mass=robot.mass,
-            yaw_inertia=self._yaw_inertia,
-            dt=dt,
-            config=self._traction,
-        )
-        # 2. the motion of the wheels, and the torques of their motors [N m]; a torque balances the ground's
-        # force on the tyre, and accelerates the wheel
-        self.torques = [
-            forward * radius + inertia * (speed - last_speed) / dt
-            for (forward, _), radius, inertia, speed, last_speed in zip(
-                forces, self._radii, self._axial_inertias, speeds, self._wheel_speeds
-            )
-        ]
-        self._wheel_angles = [angle + speed * dt for angle, speed in zip(self._wheel_angles, speeds)]
-        self._wheel_speeds = speeds
-        # 3. the pose of before the step, for `update_contacts`, which is called after the step: Bullet finds
-        # the contacts of a step before it moves the robot
-        self._contact_axes, self._contact_position = self._base_axes, state.pose_in_world.position
-        # 4. all forces [N] on the robot, and the points at which they push [m], in base_link: of the ground
-        # on the wheels, and of friction at the contacts of the hull
+        forces = self._tyre_forces(speeds)
+        self._turn_wheels(speeds, forces)
+        # Bullet finds the contacts of a step before it moves the robot, so `update_contacts` needs this pose
+        # after the step
+        self._contact_axes, self._contact_position = self._base_axes, self.state.pose_in_world.position
+        # forces [N] and the points at which they push [m], in base_link: of the ground on the wheels, and of
+        # friction at the contacts of the hull
         pushes = [
             ((forward, left, 0.0), footprint)
             for footprint, load, (forward, left) in zip(self._footprints, self._loads, forces)
@@ -154,9 +132,55 @@ class Chassis:
         pushes += [
             (self._hull_friction(point, normal, load), point) for point, normal, load in self._hull_contacts
         ]
-        # 5. the same forces and points in the world, where a, b and c are the axes of base_link
-        (ax, ay, az), (bx, by, bz), (cx, cy, cz) = self._base_axes
-        px, py, pz = state.pose_in_world.position
+        self._push(pushes)
+
+    def _tyre_forces(self, speeds: Sequence[float]) -> List[Vector2]:
+        """Return the force of the ground on each tyre, forwards and to the left [N].
+
+        `speeds` are the speeds of the wheels [rad/s].
+        """
+        # `ground_forces` measures all positions from the centre of mass
+        com_x, com_y, _ = self._robot.com
+        contacts = [
+            WheelContact(point[0] - com_x, point[1] - com_y, load, speed * radius)
+            for point, load, speed, radius in zip(self._footprints, self._loads, speeds, self._radii)
+        ]
+        state, mass = self.state, self._robot.mass
+        (vx, vy, _), (_, _, yaw_rate) = state.velocity_in_base, state.angular_velocity_in_base
+        downhill_x, downhill_y = self._downhill()
+        return ground_forces(
+            contacts,
+            velocity=(vx - yaw_rate * com_y, vy + yaw_rate * com_x, yaw_rate),
+            external=(mass * downhill_x, mass * downhill_y),
+            mass=mass,
+            yaw_inertia=self._yaw_inertia,
+            dt=self._dt,
+            config=self._traction,
+        )
+
+    def _turn_wheels(self, speeds: Sequence[float], forces: Sequence[Vector2]) -> None:
+        """Turn the wheels for one step, and compute the torques of their motors [N m].
+
+        A torque balances the force of the ground on the tyre, and accelerates the wheel.
+
+        Args:
+            speeds: speeds of the wheels in this step [rad/s].
+            forces: force of the ground on each tyre, forwards and to the left [N].
+        """
+        dt = self._dt
+        self.torques = [
+            forward * radius + inertia * (speed - last_speed) / dt
+            for (forward, _), radius, inertia, speed, last_speed in zip(
+                forces, self._radii, self._axial_inertias, speeds, self._wheel_speeds
+            )
+        ]
+        self._wheel_angles = [angle + speed * dt for angle, speed in zip(self._wheel_angles, speeds)]
+        self._wheel_speeds = speeds
+
+    def _push(self, pushes: Sequence[Tuple[Vector3, Vector3]]) -> None:
+        """Push the robot with forces [N] at points [m]; all are in base_link, and Bullet needs the world."""
+        (ax, ay, az), (bx, by, bz), (cx, cy, cz) = self._base_axes  # axes of base_link in the world
+        px, py, pz = self.state.pose_in_world.position
         for (fx, fy, fz), (x, y, z) in pushes:
             self._bullet.push_robot(
                 (fx * ax + fy * bx + fz * cx, fx * ay + fy * by + fz * cy, fx * az + fy * bz + fz * cz),
