@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from math import atan2, cos, hypot, sin
-from typing import Callable, Dict, List, NamedTuple, Optional, Sequence, Tuple
+from typing import List, NamedTuple, Optional, Sequence, Tuple
 
 import numpy as np
 
@@ -16,7 +16,8 @@ from husky_highlevel_controller.robot import load_robot
 FEW = 3  # fewer than FEW markers or moments are not enough for a judgement
 # a fault is reported if at least this fraction of the tested markers has it
 MOSTLY = 0.8
-# [m/m] growth of the tolerance of a mirrored or swapped position, for each metre between robot and pillar
+# [m/m] tolerance that is added for each metre between robot and pillar, when a marker is compared with the
+# mirrored or the swapped position of the pillar
 IMAGE_SLOPE = 0.1
 COORDINATE_TOLERANCE = 0.05  # [m] a coordinate counts as 0, or as a whole number of metres, up to this error
 POSITION_TOLERANCE = 0.15  # [m] a marker counts as being at a position up to this distance from it
@@ -120,13 +121,12 @@ def find_fault(
         return fault_of_invisible(wrong[0])
     lidar_x = load_robot(recording.robot).lidar_mount.x  # [m] x of the lidar in base_link
     if _are_mostly_true([_is_at_origin(recording, marker, lidar_x) for marker in drawn]):
-        # true if most of these markers came after a scan in which no beam measured a range
-        came_without_range = _are_mostly_true(
-            [_smallest_range(recording, marker) == np.inf for marker in drawn]
-        )
+        came_without_range = _are_mostly_true([_came_without_range(recording, marker) for marker in drawn])
         # if all markers are wrong, the submission never sets the position, so the scans are not the reason
-        never_sets_position = wrong_share == 1.0
-        return Kind.NO_RETURN if came_without_range and not never_sets_position else Kind.AT_ORIGIN
+        some_are_right = wrong_share < 1.0
+        if some_are_right and came_without_range:
+            return Kind.NO_RETURN
+        return Kind.AT_ORIGIN
     fault = _find_direction_fault(recording, wrong, wrong_share, rules)
     if fault:
         return fault
@@ -139,10 +139,9 @@ def find_fault(
 
 def _has_only_wrong_height(recording: Recording, marker: MarkerSample, rules: Rules) -> bool:
     """Return whether a marker is at the pillar, seen from above, but above the pillar or below the ground."""
-    # [m] distance from the axis for all points while the robot is at the pillar; a robot farther away is
-    # allowed a larger distance, so a marker within this distance is right from everywhere
-    always_right = rules.marker_full + slack_of(recording, robot_distance=0.0, rules=rules)
-    is_at_pillar = distance_to_pillar(recording, marker) <= always_right
+    # [m] limit for a robot at the pillar; a robot farther away has a larger limit
+    limit = rules.marker_full + slack_of(recording, robot_distance=0.0, rules=rules)
+    is_at_pillar = distance_to_pillar(recording, marker) <= limit
     return is_at_pillar and height_score(marker, recording.pillar_size.height) < 1.0
 
 
@@ -158,24 +157,36 @@ def _find_direction_fault(
     if not seen_markers:
         return None
     frame = wrong[0].frame  # the first marker stands for all, because few submissions use several frames
-    # test of each fault on one marker; the result is the first fault that is found on most of the markers
-    tests: Dict[Kind, Callable[[Seen], bool]] = {}
     if frame != "odom":  # any other frame counts as base_link or as the lidar's frame
-        # These two faults are in the student's own coordinates, which are in the marker's frame. They differ
-        # from the coordinates in base_link only by `frame_x` and, for an upside-down lidar, by the sign of y.
-        # In odom, all coordinates differ, so these faults cannot be seen.
         # [m] x of the frame's origin in base_link
         frame_x = 0.0 if frame == "base_link" else load_robot(recording.robot).lidar_mount.x
-        tests[Kind.Y_IS_ZERO] = lambda seen: abs(seen.y) <= COORDINATE_TOLERANCE and seen.x > 0.0
-        tests[Kind.WHOLE_METRES] = lambda seen: _is_whole(seen.x - frame_x) and _is_whole(seen.y)
-    tests[Kind.MIRRORED] = Seen.is_mirrored
-    tests[Kind.SWAPPED] = Seen.is_swapped
-    # if less than half of the markers are wrong, the beam is right, and the wrong markers only come late
-    if wrong_share >= 0.5:
-        tests[Kind.OTHER_BEAM] = lambda seen: _is_on_another_beam(seen, recording.pillar_size.radius)
-    for kind, test in tests.items():
-        if _are_mostly_true([test(seen) for seen in seen_markers]):
-            return kind
+        fault = _find_fault_of_numbers(seen_markers, frame_x)
+        if fault:
+            return fault
+    if _are_mostly_true([seen.is_mirrored() for seen in seen_markers]):
+        return Kind.MIRRORED
+    if _are_mostly_true([seen.is_swapped() for seen in seen_markers]):
+        return Kind.SWAPPED
+    # A node with a wrong beam has many wrong markers. If a node has only a few, these markers came late while
+    # the robot turned, so their distance is right, but their direction is wrong.
+    has_many_wrong = wrong_share >= 0.5
+    radius = recording.pillar_size.radius
+    if has_many_wrong and _are_mostly_true([_is_on_another_beam(seen, radius) for seen in seen_markers]):
+        return Kind.OTHER_BEAM
+    return None
+
+
+def _find_fault_of_numbers(seen_markers: Sequence[Seen], frame_x: float) -> Optional[Kind]:
+    """Return the fault in the numbers that the student has computed for most markers; None if unknown.
+
+    These numbers are coordinates in the markers' frame, which is base_link or the lidar's frame. They differ
+    from the coordinates in base_link only by `frame_x`, the x of the frame's origin in base_link [m], and for
+    an upside-down lidar by the sign of y. In odom, all numbers would differ.
+    """
+    if _are_mostly_true([abs(seen.y) <= COORDINATE_TOLERANCE and seen.x > 0.0 for seen in seen_markers]):
+        return Kind.Y_IS_ZERO
+    if _are_mostly_true([_is_whole(seen.x - frame_x) and _is_whole(seen.y) for seen in seen_markers]):
+        return Kind.WHOLE_METRES
     return None
 
 
@@ -218,12 +229,14 @@ def _is_on_another_beam(seen: Seen, radius: float) -> bool:
         seen: marker that is known to be wrong.
         radius: radius of the pillar [m].
     """
-    distance = hypot(seen.x, seen.y)
-    distance_error = max(abs(distance - seen.pillar_distance) - radius, 0.0)
-    # [m] distance of the marker from the line between the robot and the pillar
+    # [m] Error of the marker's distance. The pillar reaches from `radius` before its axis to `radius` behind
+    # its axis, so a distance in between has no error.
+    distance_error = max(abs(hypot(seen.x, seen.y) - seen.pillar_distance) - radius, 0.0)
+    # [m] distance of the marker from the line through robot and pillar
     across = abs(seen.y * cos(seen.pillar_bearing) - seen.x * sin(seen.pillar_bearing))
-    # the distance is right, and the error in the direction is more than twice the error in the distance
-    return distance_error <= POSITION_TOLERANCE and across > 2.0 * distance_error
+    # the marker is wrong, so if its distance has no error, its direction has one
+    is_mostly_direction = across > 2.0 * distance_error
+    return distance_error <= POSITION_TOLERANCE and is_mostly_direction
 
 
 def _are_mostly_true(tests: Sequence[bool]) -> bool:
@@ -246,15 +259,11 @@ def _is_at_origin(recording: Recording, marker: MarkerSample, lidar_x: float) ->
     return hypot(x - lidar_x, y) <= POSITION_TOLERANCE
 
 
-def _smallest_range(recording: Recording, marker: MarkerSample) -> float:
-    """Return the smallest valid range [m] of the scan before a marker came.
-
-    It is inf if no beam had a return, and 0 if no scan came before the marker.
-    """
+def _came_without_range(recording: Recording, marker: MarkerSample) -> bool:
+    """Return whether no beam had a return in the last scan before a marker; False if there was no scan."""
     # (N, 2) [s, m] time and smallest range of the scans before the marker; 1e-6 is a tolerance for rounding
     before = recording.nearest[recording.nearest[:, 0] <= marker.at + 1e-6]
-    # the range is unknown without a scan; 0 keeps the caller from explaining the fault by missing returns
-    return float(before[-1, 1]) if len(before) else 0.0
+    return len(before) > 0 and float(before[-1, 1]) == np.inf
 
 
 def _leaves_out_lidar_mount(recording: Recording, marker: MarkerSample, lidar_x: float, rules: Rules) -> bool:
