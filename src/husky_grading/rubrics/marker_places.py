@@ -38,16 +38,16 @@ from husky_highlevel_controller.robot import load_robot
 MAX_TOUCH_DISTANCE = 1.0
 TOUCHING = 0.5  # lowest score of a marker whose shape touches the pillar
 MOST_IF_MIRRORED = 0.5  # largest score of markers whose y has the wrong sign
-# RViz may draw several markers at a moment. At least this fraction of the drawn markers must have the score
-# of the moment, or a higher score. The sentence for the student calls the fraction "half of the drawn ones".
+# RViz may draw several markers at a moment. The score of the moment is the highest score that this fraction
+# of the drawn markers reaches. The sentence for the student calls the fraction "half of the drawn ones".
 MOST = 0.5
 # largest number of namespaces that are judged separately; if there are more, all are judged as one
 MAX_NAMESPACES = 6
 # markers get all points if they are right for the fraction ALWAYS of the time or more, and none for NEVER or
 # less; linear in between
 ALWAYS, NEVER = 0.8, 0.2
-# [s] a marker counts from the moment at which it came until the next one comes, but at most for this time,
-# which is two periods of the slowest lidar
+# [s] A marker counts from the moment at which it came until the next marker comes, but at most for this time.
+# The slowest lidar measures two scans in this time.
 MAX_DURATION = 0.2
 
 
@@ -56,8 +56,7 @@ class Moment(NamedTuple):
 
     at: float  # [s] simulated time
     seconds: float  # [s] time from this moment to the next, at most MAX_DURATION
-    # 0 to 1; at least the fraction MOST of the drawn markers has this score or a higher score
-    score: float
+    score: float  # 0 to 1; highest score that the fraction MOST of the drawn markers reaches
 
 
 @dataclass
@@ -231,8 +230,11 @@ def _score_moments(markers: Sequence[MarkerSample], scores: Mapping[int, float])
         markers: additions and deletions in the order of time.
         scores: score of each added marker, by Python's `id(marker)`.
     """
-    # (N,) each, the marker with the lowest score first
-    begins, ends, sorted_scores = _drawing_times(markers, scores)
+    # the lowest score comes first, because `_score_of_most` needs this order
+    drawings = sorted(_drawings_of(markers, scores), key=lambda drawing: drawing.score)
+    begins = np.array([drawing.begin for drawing in drawings])  # (N,) [s]
+    ends = np.array([drawing.end for drawing in drawings])  # (N,) [s]
+    sorted_scores = np.array([drawing.score for drawing in drawings])  # (N,)
     times, moment_scores = [], []
     for at in np.unique(begins):
         is_drawn = (begins <= at) & (at < ends)
@@ -249,7 +251,7 @@ def _score_moments(markers: Sequence[MarkerSample], scores: Mapping[int, float])
 
 
 def _score_of_most(sorted_scores: np.ndarray) -> float:
-    """Return the highest score that at least the fraction MOST of the drawn markers have, or exceed.
+    """Return the highest score that at least the fraction MOST of the drawn markers reaches.
 
     With the scores 0, 0.2, 0.7 and 1, this is 0.7, because half of the markers have 0.7 or more.
 
@@ -261,12 +263,10 @@ def _score_of_most(sorted_scores: np.ndarray) -> float:
     return float(best_scores[0])
 
 
-def _drawing_times(
-    markers: Sequence[MarkerSample], scores: Mapping[int, float]
-) -> Tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return begin [s] and end [s] of the drawing of each added marker, and the marker's score; (N,) each.
+def _drawings_of(markers: Sequence[MarkerSample], scores: Mapping[int, float]) -> List[_Drawing]:
+    """Return the times in which RViz draws each added marker, and the marker's score.
 
-    The marker with the lowest score comes first. RViz draws a marker until its lifetime ends, or until it is
+    RViz draws a marker until its lifetime ends, or until it is
     deleted or replaced by a marker of the same topic, namespace and id. A marker with a `problem` counts as
     drawn, too, but its score is 0.
 
@@ -289,10 +289,7 @@ def _drawing_times(
             drawing = _Drawing(marker.at, marker.until, scores[id(marker)])
             drawings.append(drawing)
             open_drawings[key] = drawing
-    drawings.sort(key=lambda drawing: drawing.score)
-    rows = [(drawing.begin, drawing.end, drawing.score) for drawing in drawings]
-    begins, ends, sorted_scores = np.array(rows).T
-    return begins, ends, sorted_scores
+    return drawings
 
 
 def _by_direction(recording: Recording, moments: Sequence[Moment], rules: Rules) -> Dict[str, List[Moment]]:
