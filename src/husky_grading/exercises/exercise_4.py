@@ -45,15 +45,14 @@ MAX_FILE = 1_000_000  # [bytes] larger configuration files of rqt_multiplot are 
 # characters
 MAX_CURVES, MAX_NAME = 100, 200
 MAX_ESTIMATES = 50_000
-# [s] the bag counts as played this long before its end, because the last true pose may come a little before
-# the end
+# [s] the bag counts as played when only this time is left, because the last true pose may come before the end
 BAG_MARGIN = 0.1
 # After the bag's end, the run waits for the last estimates. It ends as soon as the stamp of an estimate is at
 # most LAST_MARGIN [s] before the bag's end, or if no estimate has come for the wall time SILENCE [s].
 LAST_MARGIN, SILENCE = 1.0, 10.0
-# a package that names smb_control or smb_description is for the SMB; /rslidar_points and smb_top_view are not
-# enough, because a package for the Husky may name them, too
-FILTERS_OF_THE_SMB = re.compile(r"\bsmb_(?:control|description)\b")
+# A package that names one of these packages is for the SMB. The names /rslidar_points and smb_top_view prove
+# nothing, because a package for the Husky may have them, too.
+PACKAGES_OF_THE_SMB = re.compile(r"\bsmb_(?:control|description)\b")
 # topics of the point cloud, in our bags and on the exercise sheet of 2018
 CLOUD_TOPICS = {"/rslidar_points", "/velodyne/assembled_cloud_filtered"}
 MIN_ESTIMATES = 10
@@ -66,7 +65,7 @@ TOLERANCE, TOLERANCE_OF_LENGTH = 1.0, 0.02
 # [m] required position of the frame smb_top_view in base_link; its tolerance
 ABOVE, NEAR = (0.0, 0.0, 2.0), 0.1
 COLOURING = "AxisColor Z"  # required colouring of the point cloud
-SIZE, SIZE_TOLERANCE = 0.05, 0.005  # [m] required size of its points, and tolerance of this size
+SIZE, SIZE_TOLERANCE = 0.05, 0.005  # [m] required size of the points, and tolerance of this size
 
 PLOT_HINT = "plot x and y of /odometry/filtered: pose/pose/position/x and .../y, and save the configuration"
 INPUTS_HINT = (
@@ -97,12 +96,13 @@ class Verdict(NamedTuple):
 class Playback:
     """Facts of a submission, and observations while a bag was played to its filter."""
 
-    top_view: np.ndarray = table("[s, m, m, m] times and positions of the frame in base_link", 4)
+    top_view: np.ndarray = table("[s, m, m, m] times and positions of smb_top_view in base_link", 4)
     players: Tuple[str, ...] = ()  # arguments of each `rosbag play` in the launch file of the submission
     # curves in the submission's rqt_multiplot files: quantity along x and quantity along y, each as
     # /topic/field
     curves: Tuple[Tuple[str, str], ...] = ()
-    # [m] positions of all frames in base_link at the end of the run; empty if there was a frame smb_top_view
+    # [m] Positions of all frames in base_link at the end of the run. They are kept only if there was no frame
+    # smb_top_view, because the top view may have another name.
     places: Mapping[str, Tuple[float, float, float]] = field(default_factory=dict)
 
 
@@ -111,7 +111,7 @@ def named_bag(planned: Plan) -> NamedRobot:
 
     The choice is certain, so it does not change if the submission subscribes to another robot's scans.
     """
-    mention = first_mention(planned, FILTERS_OF_THE_SMB)
+    mention = first_mention(planned, PACKAGES_OF_THE_SMB)
     if mention:
         why = f"the SMB's bag is played, because {mention.path.name} names {mention.match.group()}"
         return NamedRobot(SMB, why, is_certain=True)
@@ -289,7 +289,7 @@ def judge_path(recording: Recording, _playback: Playback, _view: RvizView) -> Ve
     # (N, 3) [s, m, m] stamp, x and y of each estimate; estimates with NaN or infinity are left out
     path = estimate.points[np.isfinite(estimate.points).all(axis=1)]
     if len(path) < MIN_ESTIMATES or not len(recording.times):
-        why, hint = _explain_no_estimate(recording)
+        why, hint = _explain_few_estimates(recording)
         return Verdict(0.0, f"{len(path)} estimates on {estimate.topic or FILTERED}: {why}", hint)
     stamps = path[:, 0]
     end = float(recording.times[-1])  # [s] end of the bag
@@ -319,19 +319,21 @@ def _largest_error(path: np.ndarray, recording: Recording) -> float:
     return float(np.hypot(x_errors, y_errors).max())
 
 
-def _explain_no_estimate(recording: Recording) -> Tuple[str, str]:
-    """Return the most probable reason for too few estimates, as a part of a sentence, and the hint on it."""
+def _explain_few_estimates(recording: Recording) -> Tuple[str, str]:
+    """Return why fewer than MIN_ESTIMATES estimates came, as a part of a sentence, and the hint on it."""
     reasons = causes(recording)
     if reasons:  # such as a node that has crashed
         return reasons[0].text, hint_on(reasons[0])
     # the filter itself subscribes to `set_pose`, so a missing publisher of this topic is not the cause
     silent = ", ".join(topic for topic in recording.silent_topics if topic.rpartition("/")[2] != "set_pose")
-    if silent:
+    if recording.subscribed and silent:
         cause = Note(Kind.SILENT_TOPIC, silent_text(silent))
-        # if no node gets even the wheel odometry of the bag, the hint on all inputs helps more
-        return cause.text, hint_on(cause) if recording.subscribed else INPUTS_HINT
+        return cause.text, hint_on(cause)
     if recording.subscribed:
         return "a node gets the bag's wheel odometry, but none publishes nav_msgs/Odometry", INPUTS_HINT
+    # no node gets even the wheel odometry of the bag, so the hint is on all inputs
+    if silent:
+        return silent_text(silent), INPUTS_HINT
     return "no node subscribes to the bag's wheel odometry", INPUTS_HINT
 
 
@@ -404,18 +406,25 @@ def leave_to_teacher(_recording: Recording, _playback: Playback, _view: RvizView
     return Verdict(None, by_hand(), "")
 
 
-# for each item: points on the Husky's and on the SMB's exercise sheet, subject, and function that gives the
-# points
-SHEETS: Dict[str, Tuple[float, float, Subject, Callable[[Recording, Playback, RvizView], Verdict]]] = {
-    "explains the filter": (0.0, 10.0, Subject.CODE, leave_to_teacher),
-    "explains its topics": (0.0, 10.0, Subject.CODE, leave_to_teacher),
-    "plots the simulated path": (30.0, 20.0, Subject.CODE, judge_plot),
-    "recorded path": (40.0, 30.0, Subject.DRIVE, judge_path),
-    "RViz shows the point cloud": (30.0, 10.0, Subject.DISPLAYS, judge_cloud),
-    "style of the point cloud": (0.0, 10.0, Subject.DISPLAYS, judge_style),
-    "top view moves with the robot": (0.0, 10.0, Subject.DRIVE, judge_top_view),
-    "bonus: plays the bag": (0.0, 5.0, Subject.CODE, judge_player),
-    "bonus: at half speed": (0.0, 5.0, Subject.CODE, judge_half_speed),
+class SheetItem(NamedTuple):
+    """Item of the exercise sheets, and the function that grades it."""
+
+    husky_points: float  # points on the Husky's sheet; 0 if the sheet does not have the item
+    smb_points: float  # points on the SMB's sheet
+    subject: Subject
+    judge: Callable[[Recording, Playback, RvizView], Verdict]
+
+
+SHEETS = {
+    "explains the filter": SheetItem(0.0, 10.0, Subject.CODE, leave_to_teacher),
+    "explains its topics": SheetItem(0.0, 10.0, Subject.CODE, leave_to_teacher),
+    "plots the simulated path": SheetItem(30.0, 20.0, Subject.CODE, judge_plot),
+    "recorded path": SheetItem(40.0, 30.0, Subject.DRIVE, judge_path),
+    "RViz shows the point cloud": SheetItem(30.0, 10.0, Subject.DISPLAYS, judge_cloud),
+    "style of the point cloud": SheetItem(0.0, 10.0, Subject.DISPLAYS, judge_style),
+    "top view moves with the robot": SheetItem(0.0, 10.0, Subject.DRIVE, judge_top_view),
+    "bonus: plays the bag": SheetItem(0.0, 5.0, Subject.CODE, judge_player),
+    "bonus: at half speed": SheetItem(0.0, 5.0, Subject.CODE, judge_half_speed),
 }
 ITEMS = tuple(SHEETS)
 
@@ -427,13 +436,13 @@ def judge_exercise_4(
     recording = recordings[0]  # this exercise has a single run
     items = []
     playback = recording.watched_as(Playback)
-    for name, (husky_points, smb_points, subject, judge) in SHEETS.items():
-        max_points = smb_points if recording.robot == SMB else husky_points
-        item = Item(name, 0.0, max_points, "", subject=subject)
-        if subject is Subject.DISPLAYS and not view.source:
+    for name, sheet_item in SHEETS.items():
+        max_points = sheet_item.smb_points if recording.robot == SMB else sheet_item.husky_points
+        item = Item(name, 0.0, max_points, "", subject=sheet_item.subject)
+        if sheet_item.subject is Subject.DISPLAYS and not view.source:
             items.append(without_config(item, view, rules))
         else:
-            share, evidence, hint = judge(recording, playback, view)
+            share, evidence, hint = sheet_item.judge(recording, playback, view)
             points = None if share is None else share * max_points  # None if it is graded by hand
             items.append(replace(item, points=points, evidence=evidence, hint=hint))
     # items that this robot's exercise sheet does not have are left out
