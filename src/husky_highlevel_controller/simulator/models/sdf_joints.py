@@ -20,13 +20,14 @@ _WORLD = "world"  # a joint may have the world, by this name, as its parent or c
 
 @dataclass
 class Assembly:
-    """Links, frames and joints of a model and of all models in it, by full names such as "model::link".
+    """Links, frames and joints of an outermost model, and of all models inside it.
 
-    The world loader first adds them all, and then `bodies` makes rigid bodies of the links.
+    An outermost model is directly in the world. Links and frames have full names, such as "model::link". The
+    world loader first adds all links, frames and joints, and then `bodies` makes rigid bodies of the links.
     """
 
-    name: str  # name of the model
-    pose_in_world: Pose = IDENTITY  # pose of the model
+    name: str = ""  # name of the outermost model
+    pose_in_world: Pose = IDENTITY  # pose of the outermost model
     links: Dict[str, Body] = field(default_factory=dict)
     # for each frame, name of the frame, link or model to which it is attached
     frames: Dict[str, str] = field(default_factory=dict)

@@ -13,11 +13,11 @@ from __future__ import annotations
 
 import logging
 import os
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import partial
 from math import hypot
 from pathlib import Path
-from typing import Callable, Iterator, List, Optional, Tuple, Union
+from typing import Iterator, List, Optional, Tuple, Union
 
 from husky_highlevel_controller.datatypes import (
     IDENTITY,
@@ -71,7 +71,7 @@ def parse_model(text: str, name: str, pose_in_world: Pose) -> List[Body]:
         model = root.required("model")
         model.element.set("name", name)
         place = _Place(FrameScope(root), pose_in_world=pose_in_world)
-        bodies = list(_whole_model(Model(model), place, read=_read_model))
+        bodies = _whole_model(Model(model), place)
     except RecursionError:
         raise WorldError(f"model_xml of '{name}': models or frames are nested too deeply") from None
     _log_notes(load)
@@ -121,7 +121,8 @@ def parse_world(data: Union[str, bytes], source: str) -> World:
         place = _Place(FrameScope(world), state)
         bodies: List[Body] = []
         for holder in (world, *state.insertions):
-            bodies.extend(_bodies_in(holder, place))
+            for model in _wanted_models(holder, place):
+                bodies.extend(_whole_model(model, place))
         result = World(world.named(), tuple(bodies), _gravity(world))
     except RecursionError:
         raise WorldError(f"{source}: models or frames are nested too deeply") from None
@@ -167,20 +168,18 @@ class _Place:
     pose_in_world: Pose = IDENTITY
     static: bool = False  # true if this model, or a model around it, never moves
     self_collides: bool = False  # true if this model, or a model around it, has <self_collide>
-    # collects the links of an outermost model and of all models inside it. It is None in the place of the
-    # world, but `_whole_model` reads each outermost model with a copy of this place that has an assembly.
-    assembly: Optional[Assembly] = None
 
     def full_name_of(self, name: str) -> str:
         """Return the full name of an element in this world or model, such as "outer::inner"."""
         return f"{self.full_name}::{name}" if self.full_name else name
 
 
-def _bodies_in(holder: Node, place: _Place) -> Iterator[Body]:
-    """Read all models in a world, or in another model.
+def _wanted_models(holder: Node, place: _Place) -> Iterator[Model]:
+    """Yield the models directly in a world or model, except deleted models and models of the robot.
 
-    The bodies of models in a world are yielded. Models inside a model yield nothing: they add their links to
-    the assembly of the outermost model, because joints may connect links of all these models.
+    Args:
+        holder: element <world>, <insertions> or <model>.
+        place: the world or model itself.
     """
     for model in models_in(holder):
         if model.name in place.state.deletions:
@@ -188,24 +187,14 @@ def _bodies_in(holder: Node, place: _Place) -> Iterator[Body]:
         if place.full_name_of(model.name) in ROBOTS:
             model.node.note("a <model> of the robot is left out; the simulator adds the robot", model.name)
             continue
-        read = _read_included if model.include else _read_model
-        if place.assembly is None:
-            yield from _whole_model(model, place, read)
-        else:
-            read(model, place)
+        yield model
 
 
-def _whole_model(model: Model, place: _Place, read: Callable[[Model, _Place], None]) -> Iterator[Body]:
-    """Yield the bodies of an outermost model, which is not inside another model.
-
-    Args:
-        model: the model.
-        place: world that contains the model.
-        read: `_read_model`, or `_read_included` for a model from an <include>.
-    """
-    # `read` collects the links of the model and of all models inside it, and then joints connect them
-    assembly = Assembly(model.name)
-    read(model, replace(place, assembly=assembly))
+def _whole_model(model: Model, world: _Place) -> List[Body]:
+    """Return the bodies of a model directly in the world, and of all models inside this model."""
+    # joints may connect links of all these models, so all links are collected before they become bodies
+    assembly = Assembly()
+    _add_model(model, world, assembly)
     bodies = list(assembly.bodies())
     shapes = [part.shape for body in bodies for part in body.collisions]
     # a model of planes only is a ground; it does not count, so that a world with only a ground gets no
@@ -213,13 +202,28 @@ def _whole_model(model: Model, place: _Place, read: Callable[[Model, _Place], No
     is_ground = bool(shapes) and all(isinstance(shape, Plane) for shape in shapes)
     if not is_ground:
         model.node.load.model_count += 1
-    yield from bodies
+    return bodies
 
 
-def _read_included(model: Model, place: _Place) -> None:
-    """Read an included model. Raises WorldError if it includes itself, or if MAX_INCLUDES were read."""
-    include = model.include
-    assert include is not None  # `_bodies_in` calls this function only for an <include>
+def _add_model(model: Model, parent: _Place, assembly: Assembly) -> None:
+    """Add a model, and the models inside it, to the assembly of the outermost model.
+
+    Args:
+        model: the model, from a <model> or an <include>.
+        parent: world or model that contains the model.
+        assembly: collects the links, frames and joints of the outermost model and of all models inside it.
+
+    Raises:
+        WorldError: a model includes itself, or more than MAX_INCLUDES models are included.
+    """
+    if model.include is None:
+        _read_model(model, parent, assembly)
+    else:
+        _read_included(model, model.include, parent, assembly)
+
+
+def _read_included(model: Model, include: Node, parent: _Place, assembly: Assembly) -> None:
+    """Add the model of an <include>, see `_add_model`."""
     load, file = include.load, model.node.source
     if file in load.open_files:
         raise include.error(f"a model includes itself: {' > '.join((*load.open_files, file))}")
@@ -231,17 +235,16 @@ def _read_included(model: Model, place: _Place) -> None:
     # while the model is read, its file is on this list, so that the check at the beginning of this function
     # finds an <include> of the same file inside the model
     load.open_files.append(file)
-    _read_model(model, place)
+    _read_model(model, parent, assembly)
     load.open_files.pop()
 
 
-def _read_model(model: Model, parent: _Place) -> None:
-    """Add a model, and the models inside it, to the assembly of the outermost model.
+def _read_model(model: Model, parent: _Place, assembly: Assembly) -> None:
+    """Add a model to an assembly; see `_add_model`.
 
-    The assembly takes the links, frames and joints. A second model of the same name is left out with a note.
+    A second model of the same name is left out with a note.
     """
-    assembly, node = parent.assembly, model.node
-    assert assembly is not None  # see `_Place.assembly`
+    node = model.node
     node.note_unknown()
     name = _name_in_parent(model, parent)
     full_name = parent.full_name_of(name)
@@ -251,16 +254,14 @@ def _read_model(model: Model, parent: _Place) -> None:
     node.load.names.add(full_name)
     place = _place_of_model(model, name, parent)
     is_outermost = not parent.full_name
-    if is_outermost:  # `_whole_model` has given the assembly the name in the file
+    if is_outermost:
         assembly.name, assembly.pose_in_world = full_name, place.pose_in_world
     _read_links(node, place, assembly)
     _read_frames(node, place, assembly)
     for joint in node.children("joint"):
         assembly.add_joint(joint, full_name)
-    # add the models inside this model to the assembly, too; they yield no bodies, but the generator does its
-    # work only in a loop
-    for _ in _bodies_in(node, place):
-        pass
+    for inner_model in _wanted_models(node, place):
+        _add_model(inner_model, place, assembly)
     _attach_to_link(node, place, assembly)
 
 
@@ -339,7 +340,6 @@ def _place_of_model(model: Model, name: str, parent: _Place) -> _Place:
         pose_in_world=state.pose_in_world or compose(parent.pose_in_world, pose_in_parent),
         static=parent.static or bool(static and static.flag()),
         self_collides=parent.self_collides or _is_set(model.node.child("self_collide")),
-        assembly=parent.assembly,
     )
 
 
