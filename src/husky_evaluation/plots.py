@@ -38,7 +38,8 @@ class Panel(NamedTuple):
     hatched: Optional[np.ndarray] = None
 
 
-Marks = Mapping[str, Sequence[float]]  # points to highlight in the picture: name, and value on each axis
+# points that are marked in a picture: text in the legend, and value on each axis
+Marks = Mapping[str, Sequence[float]]
 
 
 def draw_sweep(axes: Sequence[Axis], panels: Sequence[Panel], marks: Marks, title: str = "") -> bytes:

@@ -10,12 +10,12 @@ import itertools
 from dataclasses import dataclass
 from math import inf
 from pathlib import Path
-from typing import Any, Dict, List, Mapping, Optional, Sequence, Tuple
+from typing import Any, Dict, List, Optional, Sequence, Tuple
 
 import numpy as np
 
 from husky_evaluation.metrics import GOOD, Drive, DriveResult, run_scene
-from husky_evaluation.plots import Panel, draw_sweep
+from husky_evaluation.plots import Marks, Panel, draw_sweep
 from husky_evaluation.scenarios import Scenario, random_starts
 from husky_evaluation.setup import (
     COURSE_GAINS,
@@ -175,16 +175,14 @@ def marks(axes: Sequence[Axis], profile: str, robot: str) -> Dict[str, List[floa
     return inside
 
 
-def write_sweep(
-    swept: Sweep, title: str, source: str, marked: Mapping[str, Sequence[float]], out: Path
-) -> None:
+def write_sweep(swept: Sweep, title: str, source: str, marked: Marks, out: Path) -> None:
     """Write table, picture and page into a folder; print the best points and the names of the files.
 
     Args:
         swept: results of all runs.
         title: title of page and picture.
         source: hash of the results, and the machines that computed them.
-        marked: points that are marked in the picture, see `marks`.
+        marked: points that are marked in the picture: text in the legend, and value on each axis.
         out: folder for the files.
     """
     # table with a row for each run, as sweep.csv and, if pyarrow is installed, also as sweep.parquet
