@@ -20,7 +20,7 @@ from math import inf
 from typing import Any, Callable, Deque, Dict, FrozenSet, List, NamedTuple, Optional, Sequence, Union
 
 from husky_evaluation.tasks.fingerprint import OURS, code_version
-from husky_evaluation.tasks.local import Answer, Answers, Group, perform
+from husky_evaluation.tasks.local import Answers, Group, GroupAnswer, perform
 from husky_highlevel_controller.datatypes import HuskyError
 
 try:
@@ -258,7 +258,7 @@ def perform_packed(payload: bytes) -> bytes:
     return pickle.dumps(perform(task, group))
 
 
-def _answer_of(future: Future, title: str) -> Union[Answer, BaseException]:
+def _answer_of(future: Future, title: str) -> Union[GroupAnswer, BaseException]:
     """Return the answer of a group that has ended, or the error; `title` names the group in the error."""
     if future.status != "error":
         return _unpacked(future.result())
@@ -268,13 +268,13 @@ def _answer_of(future: Future, title: str) -> Union[Answer, BaseException]:
     return failure
 
 
-def _unpacked(payload: bytes) -> Union[Answer, BaseException]:
+def _unpacked(payload: bytes) -> Union[GroupAnswer, BaseException]:
     """Return a worker's answer, or the exception if the answer cannot be unpickled.
 
     The exception is not raised here, so that the other tasks continue.
     """
     try:
-        answer: Answer = pickle.loads(payload)
+        answer: GroupAnswer = pickle.loads(payload)
     except Exception as error:  # unpickling runs code of classes, so it may raise any error
         return error
     return answer

@@ -19,26 +19,31 @@ from concurrent.futures import (
 )
 from concurrent.futures.process import BrokenProcessPool
 from multiprocessing import get_context
-from typing import Any, Callable, Deque, Dict, Generator, List, Mapping, Sequence, Tuple, Union
+from typing import Any, Callable, Deque, Dict, Generator, List, NamedTuple, Sequence, Tuple, Union
 from typing import Counter as CounterType
 
 from husky_evaluation.tasks.fingerprint import machine
 from husky_highlevel_controller.datatypes import HuskyError
 
 Group = Sequence[Any]  # items that are sent to a worker together
-# description of the machine that computed a group, and the result of each item of the group
-Answer = Tuple[str, List[Any]]
+
+
+class GroupAnswer(NamedTuple):
+    """Results of a group of items, and the machine that computed them."""
+
+    machine: str  # description of the machine
+    results: List[Any]  # result of each item of the group
+
+
 # number of a group, and the group's answer or the error that it caused
-Answers = Generator[Tuple[int, Union[Answer, BaseException]], None, None]
+Answers = Generator[Tuple[int, Union[GroupAnswer, BaseException]], None, None]
 SET_PARENT_DEATH_SIGNAL = 1  # option of prctl(2): the system sends this process a signal when its parent ends
-# if a process has died this number of times while a group was in the pool, the group is not tried again, and
-# its answer is an error
-MAX_DEATHS = 3
+MAX_DEATHS = 3  # a group is given up when it may have caused this number of deaths of processes
 
 
-def perform(task: Callable[[Any], Any], group: Group) -> Answer:
+def perform(task: Callable[[Any], Any], group: Group) -> GroupAnswer:
     """Do a group of tasks in a worker; return the machine's description, and the results."""
-    return machine(), [task(item) for item in group]
+    return GroupAnswer(machine(), [task(item) for item in group])
 
 
 def run_here(
@@ -57,30 +62,28 @@ def run_here(
         starts_programs: the task starts other programs, so threads that wait for these are enough.
     """
     waiting = deque(range(len(groups)))  # numbers of the groups that are still to be sent
-    # number of times that a process has died while the group was in the pool; the key is the group's number
-    deaths: CounterType[int] = Counter()
-    while waiting:
+    # If a process dies, each group in the pool may be the cause. These groups are sent again, each one alone
+    # to a new pool, so that another death has only one possible cause.
+    suspects: Deque[int] = deque()  # numbers of these groups
+    deaths: CounterType[int] = Counter()  # number of deaths that each group may have caused
+    while suspects or waiting:
+        to_send = deque([suspects.popleft()]) if suspects else waiting
         pool: Executor  # threads or processes
         if starts_programs:
             pool = ThreadPoolExecutor(jobs)
         else:
             pool = ProcessPoolExecutor(jobs, get_context("fork"), _end_with_parent)
-        running: Dict[Future, int] = {}  # number of the group whose answer the future will have
         try:
-            yield from _answers_of_pool(pool, task, groups, 2 * jobs, waiting, running, deaths)
-        except BrokenProcessPool:
-            # A process has died. The pool is then broken, and all groups in the pool are lost. They go back
-            # to the front, in their order, and the next round makes another pool.
-            lost = sorted(running.values())
-            deaths.update(lost)  # each lost group may be the cause, so each of them gets one more death
-            at_limit = [number for number in lost if deaths[number] >= MAX_DEATHS]
-            if at_limit:
-                # only the group with the most deaths is given up, because it is the most probable cause
-                worst = max(at_limit, key=lambda number: deaths[number])
-                sentence = f"task {worst + 1} of {len(groups)} ended its process {MAX_DEATHS} times"
-                yield worst, HuskyError(sentence)
-                lost.remove(worst)
-            waiting.extendleft(reversed(lost))
+            for number, answer in _answers_of_pool(pool, task, groups, 2 * jobs, to_send):
+                if not isinstance(answer, BrokenProcessPool):
+                    yield number, answer
+                    continue
+                deaths[number] += 1
+                if deaths[number] < MAX_DEATHS:
+                    suspects.append(number)
+                else:
+                    sentence = f"task {number + 1} of {len(groups)} ended its process {MAX_DEATHS} times"
+                    yield number, HuskyError(sentence)
         finally:
             _shut_down(pool)
 
@@ -91,10 +94,11 @@ def _answers_of_pool(
     groups: Sequence[Group],
     max_running: int,
     waiting: Deque[int],
-    running: Dict[Future, int],
-    deaths: Mapping[int, int],
 ) -> Answers:
-    """Send the waiting groups to a pool, and yield number and answer of each group.
+    """Send the waiting groups to a pool, and yield number and answer of each group that was sent.
+
+    If a process dies, all groups in the pool are lost, and no further group is sent. The answer of each lost
+    group is a BrokenProcessPool.
 
     Args:
         pool: threads or processes.
@@ -103,32 +107,22 @@ def _answers_of_pool(
         max_running: largest number of groups in the pool: two for each process, so that a process can begin
             the second group as soon as it has ended the first one.
         waiting: numbers of the groups to send; a group that is sent is removed.
-        running: number of the group of each future. Groups that are sent are added, and groups that are
-            answered are removed, so that the caller knows the lost groups if the pool breaks.
-        deaths: number of times that a process has died while the group was in the pool; the key is the number
-            of the group.
-
-    Raises:
-        BrokenProcessPool: a process has died.
     """
-    while waiting or running:
-        while waiting:
-            number = waiting[0]
-            # If a process dies, each group in the pool may be the cause. Such a group runs again, but it is
-            # sent only into an empty pool, so that no two of them run at the same time. Groups without a
-            # death may join it. If a process dies again, the group with more deaths is the cause.
-            may_be_cause = deaths[number] > 0
-            has_room = not running if may_be_cause else len(running) < max_running
-            if not has_room:
-                break
-            running[pool.submit(perform, task, groups[number])] = number
-            waiting.popleft()  # only after `submit`, because `submit` fails if the pool is broken
-        for future in wait(running, return_when=FIRST_COMPLETED).done:
-            error = future.exception()
-            if isinstance(error, BrokenProcessPool):
-                raise error
-            number = running.pop(future)
-            yield number, future.result() if error is None else error
+    running: Dict[Future, int] = {}  # number of the group whose answer the future will have
+    try:
+        while waiting or running:
+            while waiting and len(running) < max_running:
+                future = pool.submit(perform, task, groups[waiting[0]])
+                running[future] = waiting.popleft()  # only after `submit`, which fails if a process has died
+            for future in wait(running, return_when=FIRST_COMPLETED).done:
+                error = future.exception()
+                if isinstance(error, BrokenProcessPool):
+                    raise error
+                number = running.pop(future)
+                yield number, future.result() if error is None else error
+    except BrokenProcessPool as death:
+        for number in sorted(running.values()):
+            yield number, death
 
 
 def _shut_down(pool: Executor) -> None:

@@ -8,10 +8,22 @@ from __future__ import annotations
 import hashlib
 from contextlib import closing
 from pathlib import Path
-from typing import Any, Callable, Generator, Iterable, Iterator, List, Optional, Sequence, Set, Tuple
+from typing import (
+    Any,
+    Callable,
+    Generator,
+    Iterable,
+    Iterator,
+    List,
+    NamedTuple,
+    Optional,
+    Sequence,
+    Set,
+    Tuple,
+)
 
 from husky_evaluation.tasks.fingerprint import code_version, fingerprint, machine
-from husky_evaluation.tasks.local import Answer, run_here
+from husky_evaluation.tasks.local import GroupAnswer, run_here
 from husky_evaluation.tasks.store import Store
 from husky_evaluation.tasks.task_progress import Progress
 from husky_highlevel_controller.datatypes import HuskyError
@@ -19,6 +31,13 @@ from husky_highlevel_controller.datatypes import HuskyError
 Task = Callable[[Any], Any]
 # function that returns a result for an item whose task failed, or raises an error
 OnError = Callable[[Any, Exception], Any]
+
+
+class Kept(NamedTuple):
+    """Result that was kept in a file."""
+
+    machine: str  # description of the machine that has computed the result
+    result: Any  # result of the task
 
 
 class Workers:
@@ -110,33 +129,24 @@ class Workers:
                 all items of its group. The result of `on_error` is kept like other results, so a later run
                 with the same file does not try the item again. Without `on_error`, the exception is raised.
         """
-        # the key of a kept result depends on the code and the item, so that a result is computed again if the
-        # code has changed
-        code = fingerprint((code_version(), task)) if self._store else ""
-        keys = [fingerprint((code, item)) for item in items] if self._store else []
+        keys = self._keys(task, items)
         to_compute: List[int] = []  # indices of the items that have no kept result
         with Progress(len(items), title) as progress:
-            for index in range(len(items)):
-                # description of the machine that has computed the kept result, and the result
-                kept: Optional[Tuple[str, Any]] = self._store.load(keys[index]) if self._store else None
-                if not kept:
+            for index, key in enumerate(keys):
+                kept = self._load(key)
+                if kept is None:
                     to_compute.append(index)
                     continue
-                computer, result = kept
-                self._machines.add(computer)
                 progress.update()
-                yield index, result
+                yield index, kept.result
+            # a group has the indices of the items that a worker gets together
             groups = [to_compute[first : first + chunk] for first in range(0, len(to_compute), chunk)]
             computed = self._compute(task, items, groups, starts_programs, on_error)
             with closing(computed):  # `closing` cancels the waiting groups after an error in this block
-                for group, (computer, results) in computed:
-                    self._machines.add(computer)
-                    if self._store:
-                        self._store.save(
-                            {keys[index]: (computer, result) for index, result in zip(group, results)}
-                        )
+                for group, answer in computed:
+                    self._save([keys[index] for index in group], answer)
                     progress.update(len(group))
-                    yield from zip(group, results)
+                    yield from zip(group, answer.results)
 
     def _compute(
         self,
@@ -145,12 +155,16 @@ class Workers:
         groups: Sequence[List[int]],
         starts_programs: bool,
         on_error: Optional[OnError],
-    ) -> Generator[Tuple[List[int], Answer], None, None]:
+    ) -> Generator[Tuple[List[int], GroupAnswer], None, None]:
         """Send groups of items to the workers, and yield each group with its answer, as the answers come.
 
-        An answer is the description of the machine that has computed the group, and the list of the results.
-        A group has the indices of the items that a worker gets together. The other arguments are those of
-        `as_completed`.
+        Args:
+            task: function of one item.
+            items: all items.
+            groups: for each group, the indices of its items.
+            starts_programs: the task starts ROS.
+            on_error: function that returns a result for each item of a group that failed; None raises the
+                exception.
         """
         items_of_groups = [[items[index] for index in group] for group in groups]
         if self._cluster:
@@ -162,6 +176,31 @@ class Workers:
                 if isinstance(answer, BaseException):  # the group has failed
                     answer = _answer_to_error(answer, items_of_groups[number], on_error)
                 yield groups[number], answer
+
+    def _keys(self, task: Task, items: Sequence[Any]) -> List[str]:
+        """Return the key of each item's result in the store; empty texts if no results are kept.
+
+        A key depends on the code and the item, so a result is computed again if the code has changed.
+        """
+        if self._store is None:
+            return [""] * len(items)
+        code = fingerprint((code_version(), task))
+        return [fingerprint((code, item)) for item in items]
+
+    def _load(self, key: str) -> Optional[Kept]:
+        """Return the kept result with this key, and note its machine; None if there is no such result."""
+        stored = self._store.load(key) if self._store else None
+        if stored is None:
+            return None
+        kept = Kept(*stored)
+        self._machines.add(kept.machine)
+        return kept
+
+    def _save(self, keys: Sequence[str], answer: GroupAnswer) -> None:
+        """Note the machine of an answer, and keep its results by these keys if results are kept."""
+        self._machines.add(answer.machine)
+        if self._store:
+            self._store.save({key: (answer.machine, result) for key, result in zip(keys, answer.results)})
 
     @property
     def results_hash(self) -> str:
@@ -178,7 +217,7 @@ class Workers:
         return f"results {self.results_hash} by {machines}"
 
 
-def _answer_to_error(error: BaseException, items: Sequence[Any], on_error: Optional[OnError]) -> Answer:
+def _answer_to_error(error: BaseException, items: Sequence[Any], on_error: Optional[OnError]) -> GroupAnswer:
     """Return the answer for a group of items that failed: this machine, and the results of `on_error`.
 
     The error is raised if there is no `on_error`, or if it is not the task's own error, but for example a
@@ -186,4 +225,4 @@ def _answer_to_error(error: BaseException, items: Sequence[Any], on_error: Optio
     """
     if on_error is None or not isinstance(error, Exception):
         raise error
-    return machine(), [on_error(item, error) for item in items]
+    return GroupAnswer(machine(), [on_error(item, error) for item in items])
