@@ -2,8 +2,9 @@
 
 In: texts of a command line, scenarios. Out: `Outcome` records.
 
-Every contestant is judged only by the true poses of the robot, because a launch file shows nothing else of
-its controller. The class for launch files is in the grader, because the grader's recorder follows their runs.
+Every contestant is judged only by the true poses of the robot, because nothing else is known of the
+controller that a launch file starts. The class for launch files is in the grader, because the grader's
+recorder follows their runs.
 """
 
 from __future__ import annotations

@@ -33,8 +33,8 @@ SAME_PILLAR = 0.2
 # in a scan without a pillar, a found pillar counts as an error if it has at least this number of beams; with
 # fewer beams, other objects look like a pillar
 MANY_BEAMS = 8
-# [rad] the robot faces the pillar up to this bearing; a swing to the other side counts as a crossing only if
-# the bearing becomes larger than this on that side
+# [rad] The robot faces the pillar while the bearing is below this value. A swing past the pillar counts as a
+# crossing only if it reaches this bearing on the other side.
 ALIGNED = 0.005
 # [s] simulated time limit of a run in Gazebo's profile, and in the profile of a real robot, which may have to
 # search for the pillar

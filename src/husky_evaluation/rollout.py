@@ -32,7 +32,7 @@ from husky_highlevel_controller.simulator.models.robot_model import RobotModel, 
 from husky_highlevel_controller.simulator.simulation import Simulation
 from husky_highlevel_controller.simulator.simulator_config import SimulatorConfig, simulator_config
 
-# function with the signature of `behaviour.decide`; in the first call of a run, its state is
+# function with the signature of `behaviour.decide`; in the first call of a run, the first argument is
 # ControllerState()
 Controller = Callable[
     [ControllerState, Observation, bool, ControlConfig, PillarConfig], Tuple[ControllerState, ControlOutput]

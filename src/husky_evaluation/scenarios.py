@@ -33,8 +33,7 @@ _FREE = 0.3
 # [rad] largest bearing of random objects to the left or right, so that they are in the Husky's view
 _SIDE = 2.3
 _THIN = 0.01  # [m] thickness of walls
-# [rad] smallest angle between the pillar's centre and the first or last beam, if the lidar's view is narrower
-# than _SIDE
+# [rad] smallest angle between the pillar's centre and the lidar's first or last beam
 _EDGE = 0.05
 # part of the random seed, so that the scans with a pillar and those without have different random numbers
 _WITH_PILLAR, _WITHOUT_PILLAR = 1, 2

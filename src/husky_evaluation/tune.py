@@ -46,8 +46,8 @@ from husky_highlevel_controller.datatypes import HuskyError
 from husky_highlevel_controller.drawing.templates import write_page
 from husky_highlevel_controller.result import PARAMETERS, Result, Table, every_row
 
-# number of setups that Optuna proposes at once; the proposals depend on this number, so it must be the same
-# for any number of processes
+# Number of setups that Optuna proposes at once. The proposals depend on this number, so the number of
+# processes must not change it.
 BATCH = 8
 # number of digits to which proposed values are rounded, so that tuned.yaml has exactly the values that were
 # tried

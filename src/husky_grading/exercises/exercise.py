@@ -1,9 +1,4 @@
-"""Exercise of the course, as marking needs it: items, judge, settings of its runs, and three other parts.
-
-The three parts are `facts`, by which a submission is prepared, `bring_up`, which starts the simulator or a
-program in its place, and `watch`, which follows the run. Their defaults fit a node that drives the simulated
-robot by its scans.
-"""
+"""Exercise of the course, as marking needs it: its items, its judge, and the parts of its runs."""
 
 from __future__ import annotations
 
@@ -23,15 +18,16 @@ Judge = Callable[[Sequence[Recording], RvizView, str, Rules], List[Item]]
 
 @dataclass(frozen=True)
 class Exercise:
-    """Exercise of the course."""
+    """Exercise of the course; the defaults fit a node that drives the simulated robot by its scans."""
 
     items: Tuple[str, ...]  # names of the graded items; rubric files use the same names
     judge: Judge
     pace: float  # maximum real-time factor
     deadline: float  # [s] longest simulated time of a run
     random_starts: bool = False  # true if there are several runs, each from another start pose
-    facts: Facts = field(default_factory=Facts)
-    bring_up: BringUp = simulate
+    facts: Facts = field(default_factory=Facts)  # how a submission is prepared for its runs
+    bring_up: BringUp = simulate  # function that starts the simulator, or the player of a bag instead
+    # function that returns the watch of a run; arguments: recording before the run, access to ROS
     watch: Callable[[Recording, RosAccess], Watch] = Watch
 
     def number_of_runs(self, trials: int) -> int:

@@ -32,8 +32,7 @@ SHOWS_SCAN = "RViz shows the laser scan in odom"
 ITEMS = (PRINTS_RANGE, FOLLOWS_TEMPLATE, HAS_PARAMETERS, SHOWS_SCAN)
 # [m] tolerance when a printed number is compared with the smallest ranges that the lidar measured
 TOLERANCE = 0.02
-# at least this number of printed lines must have a number that was the lidar's smallest range; otherwise the
-# item gets no points
+# the item gets points only if at least this number of printed lines show the smallest range of a scan
 LEAST_LINES = 5
 # A line with more numbers than this is a list of all ranges. Such a line does not count, because it always
 # has the smallest range. A line with the smallest range, its position and angle, limits and speeds has fewer
@@ -65,7 +64,7 @@ PARAMETERS = "read both as private parameters of the node, from the launch file 
 
 _QUEUE = re.compile("queue", re.IGNORECASE)
 _NUMBER = re.compile(r"(?<![\w.])\d+\.\d+")
-# pattern of a number, or of a range without a return
+# pattern of a number, or of inf or nan, which are the ranges of beams without a return
 _RANGE = re.compile(r"(?<![\w.])(?:\d+\.\d+|inf\b|nan\b)", re.IGNORECASE)
 # pattern of the beginning of a line in a ROS log, such as "[ INFO] [17.5, 2.0]:". Its numbers are not ranges;
 # the second number is the simulated time.
@@ -156,7 +155,7 @@ def smallest_ranges(nearest: NDArray[np.float64], stamp: Optional[float]) -> Tup
 
     Args:
         nearest: (N, 2) time [s] and smallest range [m] of each scan, sorted by time.
-        stamp: simulated time [s] at which the line was printed. If it is None, the time is unknown, so the
+        stamp: simulated time [s] at which the line was printed. If it is None, the time is unknown, so
             any scan of the run may have caused the line.
     """
     ranges = nearest[:, 1]
@@ -172,8 +171,8 @@ class PrintedRanges(NamedTuple):
     """Numbers in the lines of an output, compared with the smallest ranges of the scans."""
 
     right: List[float]  # [m] smallest range of each line that has one, in the order of the lines
-    # [m] Numbers that are near the smallest range but wrong, printed while the robot stood. All scans then
-    # have the same smallest range, so such a number is wrong and not just late.
+    # [m] Wrong numbers near the smallest range, printed while the robot stood. All scans of a standing robot
+    # have the same smallest range, so these numbers are not only late.
     wrong_at_rest: List[float]
     is_right_at_rest: bool  # true if a line printed the smallest range while the robot stood
 

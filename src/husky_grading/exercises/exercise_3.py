@@ -41,10 +41,10 @@ from husky_highlevel_controller.course import TOUCH
 from husky_highlevel_controller.datatypes import TrueState
 
 HALF_WAY = 0.5  # a robot that covers this fraction of the way to the pillar gets all points for the approach
-# A robot drives past the pillar if two conditions hold. At its nearest point, it is still farther from the
-# pillar than MIN_PASSING [m] and farther than the fraction PASSING_FRACTION of the way. At the end of the
-# run, it is more than MIN_PASSING farther away than at its nearest point. It then gets half of the
-# points for the approach.
+# A robot drives past the pillar if two conditions hold. At its nearest point, its distance from the pillar is
+# more than MIN_PASSING [m], and more than the fraction PASSING_FRACTION of the distance at the start. At the
+# end of the run, it is more than MIN_PASSING farther away than at its nearest point. A robot that drives past
+# gets half of the points for the approach.
 PASSING_FRACTION, MIN_PASSING = 0.1, 1.0
 # a robot that covers at least this fraction of the way, but less than HALF_WAY, gets half of the points
 FIRST_STEPS = 0.1

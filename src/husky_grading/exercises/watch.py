@@ -75,7 +75,7 @@ class Watch:
     reads_scans = True  # true if the recorder needs the scans in this exercise
 
     def __init__(self, initial: Recording, ros: RosAccess) -> None:
-        """Prepare for a run; `initial` is its recording before it begins, with pillar, robot and deadline."""
+        """Prepare for a run; `initial` is the recording before the run, with pillar, robot and deadline."""
         self._initial_recording, self._ros = initial, ros
 
     @property

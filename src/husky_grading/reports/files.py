@@ -52,7 +52,7 @@ STEP_SUMMARY = "GITHUB_STEP_SUMMARY"
 
 
 def write_result(result: MarkingResult, out: Path, packages: Sequence[str] = ()) -> None:
-    """Write every file of one student's result; if result.json exists, all others do, because it comes last.
+    """Write every file of one student's result; result.json comes last, so if it exists, all files exist.
 
     Args:
         result: result of the student.

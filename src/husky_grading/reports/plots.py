@@ -175,6 +175,7 @@ def _last_scan(recording: Recording, at: float) -> np.ndarray:
     """Return the points of the last scan up to a moment [s], (K, 2) [m] in the world; empty if none."""
     stamps = recording.hits[:, 0]  # (M,) [s] time of the scan to which each point belongs
     hits_before = recording.hits[stamps <= at + 1e-6]  # 1e-6 is a tolerance for rounding
-    # [s] time of the last scan; without a scan, `max` needs a value, but no point has this time
-    latest = hits_before[:, 0].max(initial=0.0)
+    if not len(hits_before):
+        return hits_before[:, 1:]
+    latest = hits_before[:, 0].max()  # [s] time of the last scan
     return hits_before[hits_before[:, 0] == latest][:, 1:]

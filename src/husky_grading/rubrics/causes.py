@@ -10,8 +10,7 @@ from husky_grading.notes import Kind, Note
 from husky_grading.recording import Recording
 from husky_grading.records import Item
 
-# [s] the submission stopped sending commands if its last command came this simulated time before the end of
-# the run, or earlier
+# [s] the submission has stopped sending commands if none came in this simulated time at the end of the run
 SILENT = 5.0
 NO_SCANS = Note(Kind.NO_SCANS, "it does not subscribe to the scans")
 MOVES_NOTHING = 1e-3  # [m/s, rad/s] a command up to this size does not move the robot

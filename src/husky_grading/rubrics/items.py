@@ -113,7 +113,7 @@ def left_to_other_machine(items: Sequence[Item]) -> List[Item]:
     The submission may run on the student's machine.
     """
     reason = "Python 2 is not installed here"
-    # the reason is short, so each item that lost points gives the whole reason
+    # the later items repeat the reason, because it is short
     return _losses_by_hand(items, reason, later_reason=reason)
 
 
