@@ -79,6 +79,14 @@ class Light(NamedTuple):
     silent_since: Optional[float]
 
 
+class ControllerStatus(NamedTuple):
+    """State of the controller, and its fault."""
+
+    state: str  # such as "driving"; empty if unknown
+    level: int = 0  # level of the fault, as in a DiagnosticStatus; 0 for OK
+    fault: str = ""  # sentence about the fault; empty if there is none
+
+
 class DriveTab:
     """Buttons and readings of the first tab."""
 
@@ -209,10 +217,10 @@ class DriveTab:
         """
         lights = [(name, light.level, light.message) for name, light in sorted(self._lights.items())]
         self._readings.content = readings_html(readings, lights)
-        activity, _, _ = self.activity()
-        if not activity:  # the controller's state is unknown
+        state = self.controller_status().state
+        if not state:  # the controller's state is unknown
             self._start.options = (START, STOP)
-        elif activity == STOPPED:
+        elif state == STOPPED:
             self._start.options = (START,)
         else:
             self._start.options = (STOP,)
@@ -256,16 +264,16 @@ class DriveTab:
 
         self._actions.do(work, client, "Drive again")
 
-    def activity(self) -> Tuple[str, int, str]:
-        """Return the controller's state, and the level and the sentence of its fault.
+    def controller_status(self) -> ControllerStatus:
+        """Return the controller's state and fault.
 
-        The state is empty if it is unknown. The level is 0 and the sentence is empty if there is no fault.
+        A request to start or stop counts even before the diagnostics show its effect, so that the page
+        changes at once.
         """
-        # a request counts even before the diagnostics show its effect, so that the page changes at once
         if self._is_start_requested is False:
-            return STOPPED, 0, ""
+            return ControllerStatus(STOPPED)
         if self._is_start_requested and self._state == STOPPED:
-            return STARTED, 0, ""
+            return ControllerStatus(STARTED)
         level, sentence = 0, ""
         for name, light in self._lights.items():
             if self._is_of_controller(name):
@@ -274,7 +282,7 @@ class DriveTab:
         if level == STALE_LEVEL:
             # the sentence says only that a node may have ended, so it gets the controller's name
             sentence = f"{self._controller.strip('/')}: {sentence}"
-        return self._state, level, sentence if level > 0 else ""
+        return ControllerStatus(self._state, level, sentence if level > 0 else "")
 
     def _start_controller(self, stop_count: int) -> str:
         """Start the controller, and return the service's sentence.

@@ -86,8 +86,8 @@ class Master(Enum):
     """State of the ROS master at the last query."""
 
     KNOWS_NODE = "knows this node"
-    # The master was started again, and does not know this node. It never learns of the publishers of this
-    # node, so this state stays until the node ends, and the page asks for a restart.
+    # The master was started again, and does not know this node. The new master never learns of this node's
+    # publishers. So the page asks for a restart of the node, and the state never becomes KNOWS_NODE again.
     IS_NEW = "was started again"
     IS_SILENT = "does not answer"
 
@@ -191,10 +191,7 @@ class WebNode:
             with on_error_log_and_skip("a page"):
                 self._pages.admit()
             if not self._pages.open:
-                with on_error_log_and_skip("the end of the last page"):
-                    self._forget()
-                self._pages.page_came.wait(IDLE_PERIOD)  # ends early if a page comes
-                self._pages.page_came.clear()
+                self._wait_for_page()
                 readings_due = curves_due = network_due = 0.0
                 continue
             now = time.monotonic()
@@ -206,7 +203,8 @@ class WebNode:
                 with on_error_log_and_skip("a part of the view"):
                     self._update()
                 with on_error_log_and_skip("the state"):
-                    self._update_state(now)
+                    self._take_numbers(now)
+                    self._show_state(now)
                 if now >= readings_due:
                     with on_error_log_and_skip("a reading"):
                         self._show_readings()
@@ -219,6 +217,13 @@ class WebNode:
                     curves_due = now + CURVES_PERIOD
             time.sleep(max(0.0, period - (time.monotonic() - now)))
         self._server.stop()
+
+    def _wait_for_page(self) -> None:
+        """Drop everything that was kept for pages, then wait until a page comes, at most IDLE_PERIOD."""
+        with on_error_log_and_skip("the end of the last page"):
+            self._forget()
+        self._pages.page_came.wait(IDLE_PERIOD)
+        self._pages.page_came.clear()
 
     def _forget(self) -> None:
         """Drop everything that was kept for pages; called again and again while no page is open."""
@@ -239,9 +244,17 @@ class WebNode:
 
     def _follow_network(self) -> None:
         """Subscribe to the topics that the network has now, and read the robot and the world from it."""
-        published = self._published_topics()
-        if published is None:  # the master does not answer, so the subscriptions stay as they are
+        master, published = self._ask_for_topics()
+        has_changed = master is not self._master
+        self._master = master
+        if master is Master.IS_SILENT:
+            # the subscriptions stay as they are, because other nodes send their messages without the master
+            rospy.logwarn_throttle(60.0, f"the ROS master does not answer at {rosgraph.get_master_uri()}")
             return
+        if has_changed:
+            # The master was started again, or it may have been started again while it was silent. A new
+            # master does not have the subscriptions of this node, so all of them are made again.
+            self._topics.close()
         if not self._topics.is_open:
             self._topics.open()
         self._topics.follow(published)
@@ -284,27 +297,19 @@ class WebNode:
             # `draw_robot` has made new nodes in the scene, which do not react to the mouse yet
             self._mouse.bind_robot()
 
-    def _published_topics(self) -> Optional[List[Tuple[str, str]]]:
-        """Ask the master for all published topics, as (name, type); None if it does not answer.
+    def _ask_for_topics(self) -> Tuple[Master, List[Tuple[str, str]]]:
+        """Ask the master whether it knows this node, and for the name and type of each published topic.
 
-        If the master may have been started again, the subscriptions are closed, because a new master does not
-        have them. `_follow_network` opens them again.
+        Without an answer, the list is empty.
         """
-        published = None
-        # `look` asks the master whether it knows this node, and returns None if no master answers
-        if self._registration.look() is not None:
-            published = self._ask("getPublishedTopics", "")
+        # `look` sets `is_lost` if the master does not know this node, and returns None without an answer
+        if self._registration.look() is None:
+            return Master.IS_SILENT, []
+        published = self._ask("getPublishedTopics", "")
         if published is None:
-            self._master = Master.IS_SILENT
-            rospy.logwarn_throttle(60.0, f"the ROS master does not answer at {rosgraph.get_master_uri()}")
-            return None
+            return Master.IS_SILENT, []
         master = Master.IS_NEW if self._registration.is_lost else Master.KNOWS_NODE
-        # `_master` is still the state at the query before. If it was IS_SILENT, the master that answers now
-        # may be a new one, even if it already knows this node.
-        if master != self._master:
-            self._topics.close()
-        self._master = master
-        return [(name, kind) for name, kind in published]
+        return master, [(name, kind) for name, kind in published]
 
     def _ask(self, method: str, *arguments: Any) -> Any:
         """Call a method of the master, and return its value, or None if it fails in a short time."""
@@ -329,11 +334,8 @@ class WebNode:
         self._drive.update(readings, self._is_paused)
         self._world.show_loaded(self._world_name)
 
-    def _update_state(self, now: float) -> None:
-        """Read the new messages, then show who drives the robot, and the robot's activity with its reason.
-
-        `now` is wall time [s], and `numbers.time` is simulated time [s], or None before the first odometry.
-        """
+    def _take_numbers(self, now: float) -> None:
+        """Take in the new messages with numbers, diagnostics and commands; `now` is wall time [s]."""
         numbers = self._numbers
         if self._is_paused:
             # a paused simulator sends no odometry, and the state bar must not report this as a fault
@@ -341,21 +343,19 @@ class WebNode:
         numbers.take(self._topics, self._scene, now)
         self._drive.take([msg for _, msg in self._topics.take_all("diagnostics")], now, numbers.time)
         self._drivers.take(self._topics.take_all("inputs"), numbers.time, now)
-        activity, level, fault = self._drive.activity()
-        # while the emergency stop is on, the time is None, so that `StopReason` forgets its warning; the
-        # emergency stop itself is the reason for the stop
-        reason_time = None if self._teleop.is_locked else numbers.time
-        newest_warning = self._log.warning  # newest line with the level WARN or worse, or None
-        self._reason.update(activity, reason_time, newest_warning)
-        # `is_by_hand` is true if a person drives, here with a page; `other_driver` is the name of the node
-        # that drives, empty if it is the controller
-        is_by_hand, other_driver = self._teleop.is_held, ""
-        # last command of the input that the robot obeys now; None if it obeys no command
-        obeyed = self._drivers.command(numbers.time, now)
-        if obeyed is not None:
-            is_by_hand = is_by_hand or obeyed.is_by_hand
-            if obeyed.sender != self._config.controller:
-                other_driver = short_name(obeyed.sender)
+
+    def _show_state(self, now: float) -> None:
+        """Show who drives the robot, what the robot does, and why it stands; `now` is wall time [s]."""
+        numbers = self._numbers
+        controller = self._drive.controller_status()
+        if self._teleop.is_locked:  # the emergency stop is the reason for the stop, and not a warning
+            self._reason.forget()
+        else:
+            self._reason.update(controller.state, numbers.time, self._log.warning)
+        obeyed = self._drivers.command(numbers.time, now)  # command that the robot obeys, or None
+        other_driver = ""  # name of the node that has sent this command, if it is not the controller
+        if obeyed is not None and obeyed.sender != self._config.controller:
+            other_driver = short_name(obeyed.sender)
         self._state_bar.update(
             RobotStatus(
                 is_locked=self._teleop.is_locked,
@@ -365,11 +365,12 @@ class WebNode:
                 is_silent=numbers.is_silent(now),
                 # name of the object that a page moves; it stays until the robot has had time to notice this
                 moving=self._moving.text(numbers.time, now),
-                is_by_hand=is_by_hand,
+                # a person drives with a page of this node, or with another node
+                is_by_hand=self._teleop.is_held or (obeyed is not None and obeyed.is_by_hand),
                 driver=other_driver,
-                level=level,
-                activity=activity,
-                fault=fault,
+                level=controller.level,
+                activity=controller.state,
+                fault=controller.fault,
                 reason=self._reason.text,
             ),
             Figures(numbers.distance, numbers.speed, numbers.time),

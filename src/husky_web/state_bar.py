@@ -137,13 +137,17 @@ class StopReason:
         self.text = ""
         self._drove_at = -inf  # [s] last time at which the controller was not stopped
 
+    def forget(self) -> None:
+        """Show no reason, and count no warning until the controller drives again."""
+        self.text, self._drove_at = "", -inf
+
     def update(self, activity: str, time: Optional[float], warning: Optional[Line]) -> None:
         """Take in the controller's state at a time [s], None if unknown, and the newest warning.
 
         While the controller is not stopped, or the time is unknown, there is no reason.
         """
         if time is None:
-            self.text, self._drove_at = "", -inf
+            self.forget()
         elif activity != STOPPED:
             self.text, self._drove_at = "", time
         # a warning is the reason of the stop only if it came near the time of the stop

@@ -118,28 +118,28 @@ def diagnostics(name="husky_highlevel_controller: controller", state="driving"):
 
 def test_the_state_of_another_node_whose_name_begins_like_the_controller_is_not_shown(tab):
     tab.take([*diagnostics(), *diagnostics("husky_highlevel_controller_2", "stopped")], now=100.0)
-    assert tab.activity() == ("driving", 0, "")
+    assert tab.controller_status() == ("driving", 0, "")
 
 
 def test_a_controller_that_has_ended_is_not_shown_as_driving(tab):
     tab.take(diagnostics(), now=100.0, time=10.0)
     tab.take([], now=100.0 + STALE_LIGHT, time=10.0 + STALE_LIGHT)
-    assert tab.activity() == ("driving", 0, "")
+    assert tab.controller_status() == ("driving", 0, "")
     tab.take([], now=101.0 + STALE_LIGHT, time=11.0 + STALE_LIGHT)
     sentence = "husky_highlevel_controller: no status for more than 5 s; the node may have ended"
-    assert tab.activity() == ("", 3, sentence)
+    assert tab.controller_status() == ("", 3, sentence)
     tab.take(diagnostics(), now=200.0, time=100.0)
-    assert tab.activity() == ("driving", 0, "")
+    assert tab.controller_status() == ("driving", 0, "")
 
 
 @pytest.mark.parametrize("times", [(10.0, 10.0), (10.0, 0.5), (None, 10.0)])
 def test_a_light_of_a_paused_or_slow_or_restarted_simulator_is_not_stale(times, tab):
     for seconds, time in enumerate([*times, times[-1] + 1.0]):
         tab.take(diagnostics() if not seconds else [], now=100.0 * seconds, time=time)
-    assert tab.activity() == ("driving", 0, "")
+    assert tab.controller_status() == ("driving", 0, "")
 
 
 def test_without_simulated_time_the_wall_time_counts(tab):
     tab.take(diagnostics(), now=100.0)
     tab.take([], now=101.0 + STALE_LIGHT)
-    assert tab.activity()[0] == ""
+    assert tab.controller_status()[0] == ""
