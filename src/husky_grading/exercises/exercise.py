@@ -25,7 +25,7 @@ class Exercise:
     pace: float  # maximum real-time factor
     deadline: float  # [s] longest simulated time of a run
     random_starts: bool = False  # true if there are several runs, each from another start pose
-    facts: Facts = field(default_factory=Facts)  # how a submission is prepared for its runs
+    facts: Facts = field(default_factory=Facts)  # rules by which a submission is prepared
     bring_up: BringUp = simulate  # function that starts the simulator, or the player of a bag instead
     # function that returns the watch of a run; arguments: recording before the run, access to ROS
     watch: Callable[[Recording, RosAccess], Watch] = Watch
