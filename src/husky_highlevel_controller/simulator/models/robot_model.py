@@ -9,7 +9,7 @@ import copy
 import xml.etree.ElementTree as ET
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import List, Mapping, Optional, Sequence, Tuple
+from typing import List, Mapping, NamedTuple, Optional, Sequence, Tuple
 
 import numpy as np
 
@@ -40,6 +40,14 @@ MIN_GYRATION, MAX_GYRATION = 1e-4, 100.0  # [m] limits of sqrt(moment of inertia
 FLATNESS = 1.001
 MIN_SEPARATION = 0.01  # [m] least distance between the left and the right wheels
 MIN_SIZE, MAX_SIZE = 1e-4, 1000.0  # [m] limits of the size of a collision shape
+
+
+class Inertial(NamedTuple):
+    """Mass of a link, or of a rigid body of several links, and how it is distributed."""
+
+    mass: float  # [kg]
+    com: Vector3  # [m] centre of mass in base_link
+    inertia: np.ndarray  # (3, 3) [kg m^2] inertia about the centre of mass, along base_link's axes
 
 
 @dataclass(frozen=True)
@@ -138,8 +146,8 @@ def robot_model(
         positions = f"y = {front_left.position[1]:g} and {front_right.position[1]:g} m"
         names = f"joint '{front_left.joint}' is not left of joint '{front_right.joint}'"
         raise DescriptionError(f"{names}: {positions}")
-    mass, com, inertia = _merge(inertials)
-    _write_inertial(base, (mass, com, inertia))
+    inertial_of_robot = _merge(inertials)
+    _write_inertial(base, inertial_of_robot)
     other_links = set(links) - set(poses) - {wheel.link for wheel in wheels}
     if other_links:
         raise DescriptionError(
@@ -151,9 +159,9 @@ def robot_model(
         fixed_poses=MappingProxyType(poses),
         fixed_joints=fixed_joints,
         laser_frame=laser_frame or robot.lidar_mount.frame,
-        mass=mass,
-        com=com,
-        inertia=inertia,
+        mass=inertial_of_robot.mass,
+        com=inertial_of_robot.com,
+        inertia=inertial_of_robot.inertia,
         wheels=tuple(wheels),
         physics_urdf=ET.tostring(physics, encoding="unicode"),
     )
@@ -164,7 +172,9 @@ def _write_wheel(
 ) -> Tuple[Wheel, Inertial]:
     """Check a wheel, write its collision shapes into base_link, and return the wheel and its inertial.
 
-    The shapes are fixed to base_link and do not turn. They need not turn, because a wheel is round.
+    The shapes are fixed to base_link. They only carry the robot: Bullet gives them no friction, and `Chassis`
+    computes the forces that turning wheels would have on the ground. A wheel is round, so its shape need not
+    turn.
 
     Args:
         base: <link> of base_link in the URDF for PyBullet, which gets the shapes.
@@ -175,7 +185,41 @@ def _write_wheel(
     Raises:
         DescriptionError: joint and link do not describe a wheel that turns about base_link's y axis.
     """
-    name, where = urdf.name_of(joint), urdf.label_of(joint)
+    pose, child = _pose_of_wheel(joint, links, fixed_poses)
+    link, link_label = links[child], urdf.label_of(links[child])
+    cylinder = link.find("collision/geometry/cylinder")
+    if cylinder is None:
+        raise DescriptionError(f"{link_label} has no collision cylinder, so the wheel has no radius")
+    inertial = _inertial(link, pose)
+    _require_solid(inertial, link_label)
+    collisions = _write_collisions(base, [(link, pose)])
+    radius = urdf.number_of(cylinder, "radius", link_label)
+    # the flanks, whose radius is smaller by FLANK_DEPTH, must keep more than half of the wheel's radius
+    if not radius > 2.0 * FLANK_DEPTH:
+        limit = f"a wheel's radius must be more than {2.0 * FLANK_DEPTH:g} m"
+        raise DescriptionError(f"{link_label}: radius {radius:g} m; {limit}")
+    for collision in collisions:
+        _make_tread_and_flanks(base, collision)
+    wheel = Wheel(
+        joint=urdf.name_of(joint),
+        link=child,
+        pose=pose,
+        radius=radius,
+        width=urdf.number_of(cylinder, "length", link_label),
+        mass=inertial.mass,
+        axial_inertia=float(inertial.inertia[1, 1]),  # about base_link's y axis, about which the wheel turns
+    )
+    return wheel, inertial
+
+
+def _pose_of_wheel(
+    joint: ET.Element, links: urdf.Elements, fixed_poses: Mapping[str, Pose]
+) -> Tuple[Pose, str]:
+    """Return the pose of a wheel's link in base_link, and the name of this link.
+
+    Raises DescriptionError if the joint does not let the link turn about base_link's y axis.
+    """
+    where = urdf.label_of(joint)
     parent, child = urdf.ends_of(joint, links)
     if joint.get("type") != "continuous" or parent not in fixed_poses:
         raise DescriptionError(
@@ -188,29 +232,7 @@ def _write_wheel(
     axis_in_base = rotate(pose.quat_xyzw, axis)
     if not np.allclose(axis_in_base, (0.0, 1.0, 0.0), atol=1e-3):
         raise DescriptionError(f"{where} turns about {axis_in_base} in base_link, not about 0 1 0")
-    link, link_label = links[child], urdf.label_of(links[child])
-    cylinder = link.find("collision/geometry/cylinder")
-    if cylinder is None:
-        raise DescriptionError(f"{link_label} has no collision cylinder, so the wheel has no radius")
-    _require_solid(_inertial(link, Pose()), link_label)  # the pose has no effect on this check
-    collisions = _write_collisions(base, [(link, pose)])
-    radius = urdf.number_of(cylinder, "radius", link_label)
-    # the flanks, whose radius is smaller by FLANK_DEPTH, must keep more than half of the wheel's radius
-    if not radius > 2.0 * FLANK_DEPTH:
-        limit = f"a wheel's radius must be more than {2.0 * FLANK_DEPTH:g} m"
-        raise DescriptionError(f"{link_label}: radius {radius:g} m; {limit}")
-    for collision in collisions:
-        _make_tread_and_flanks(base, collision)
-    inertial = _inertial(link, pose)
-    width = urdf.number_of(cylinder, "length", link_label)
-    mass, _, inertia = inertial
-    axial_inertia = float(inertia[1, 1])  # about base_link's y axis, about which the wheel turns
-    return Wheel(name, child, pose, radius, width, mass, axial_inertia), inertial
-
-
-# mass [kg], centre of mass in base_link [m], and inertia (3, 3) about the centre of mass along base_link's
-# axes [kg m^2]
-Inertial = Tuple[float, Vector3, np.ndarray]
+    return pose, child
 
 
 def _inertial(link: ET.Element, pose_link_in_base: Pose) -> Inertial:
@@ -218,15 +240,16 @@ def _inertial(link: ET.Element, pose_link_in_base: Pose) -> Inertial:
     where = urdf.label_of(link)
     element = link.find("inertial")
     if element is None:
-        return 0.0, pose_link_in_base.position, np.zeros((3, 3))
+        return Inertial(0.0, pose_link_in_base.position, np.zeros((3, 3)))
     mass = urdf.number_of(element.find("mass"), "value", where)
     if mass < 0.0:
         raise DescriptionError(f"{where}: its mass is {mass}; it cannot be negative")
     names = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
     xx, xy, xz, yy, yz, zz = (urdf.number_of(element.find("inertia"), name, where) for name in names)
     pose = compose(pose_link_in_base, urdf.origin_of(element, where))
-    turn = matrix_from_quat(pose.quat_xyzw)  # <inertia> is given along the axes of <origin>
-    return mass, pose.position, turn @ np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) @ turn.T
+    inertia = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])  # along the axes of <origin>
+    turn = matrix_from_quat(pose.quat_xyzw)  # turns vectors from these axes to base_link's axes
+    return Inertial(mass, pose.position, turn @ inertia @ turn.T)
 
 
 def _merge(parts: Sequence[Inertial]) -> Inertial:
@@ -243,7 +266,7 @@ def _merge(parts: Sequence[Inertial]) -> Inertial:
         inertia += about_com + part_mass * (arm @ arm * np.eye(3) - np.outer(arm, arm))
     inertia.setflags(write=False)  # `RobotModel` is immutable, so its array must not be writable
     x, y, z = centre.tolist()
-    return mass, (x, y, z), inertia
+    return Inertial(mass, (x, y, z), inertia)
 
 
 def _require_solid(inertial: Inertial, what: str) -> None:
