@@ -8,7 +8,7 @@ from __future__ import annotations
 import logging
 from functools import partial
 from math import degrees
-from typing import Any, Dict, List, Mapping, NamedTuple, Optional, Sequence, Set, Tuple
+from typing import Any, Dict, List, Mapping, NamedTuple, Sequence, Set, Tuple
 
 import numpy as np
 import pybullet
@@ -42,8 +42,8 @@ log = logging.getLogger("rosout.engine")
 
 # Bullet's default is 50 iterations; 20 iterations take half the time, and the motion differs by at most 0.1 %
 _SOLVER_ITERATIONS = 20
-# [m] bodies that are nearer than this have a contact; with Bullet's default of 0.02, the ground would also
-# touch the flanks of a tyre, which are 5 mm above the ground
+# [m] Bullet breaks the contact of two bodies when their gap becomes larger than this. With Bullet's default
+# of 0.02, the ground would also touch the flanks of a tyre, which are 5 mm above the ground.
 _BREAKING_THRESHOLD = 0.005
 # The ground acts like a spring. On rigid ground, the solver could distribute the weight over the four rigid
 # wheels in many ways. On springs, only one distribution is possible, which depends neither on the solver nor
@@ -55,8 +55,8 @@ _LIFT_FROM = 1e-3  # [m] a movable body that is deeper in the ground than this i
 # Places of two values in the tuples that Bullet's getClosestPoints(first, second) returns: the unit normal,
 # which points from the second body to the first, and the distance [m], which is negative if they overlap.
 _NORMAL, _DISTANCE = 7, 8
-# [m] a body must not reach deeper than this into another body; Bullet's triangles are 1 mm thick, so a
-# smaller depth is allowed
+# [m] A body must not reach deeper than this into another body. A depth of 1 mm is allowed, because the
+# triangles of a mesh are 1 mm thick in Bullet.
 _TOO_DEEP = 2e-3
 
 
@@ -288,7 +288,7 @@ class BulletWorld:
                 copies[name] = self._copy(name, pose)
             # the bodies will leave their present poses, so only their copies can be in the way
             leaving_ids = [body_id for name in poses for body_id in self._ids_by_name[name]]
-            self.check_room(checked, copy=copies[checked], ignored=leaving_ids)
+            self._check_overlaps([copies[checked]], may_overlap=leaving_ids)
         finally:
             for body_id in copies.values():
                 self._remove(body_id)
@@ -299,7 +299,7 @@ class BulletWorld:
         parts = self._parts[body_id]
         copy = self._create(parts, pose_in_world)
         self._name_by_id[copy] = name
-        # `check_room` lets bodies of one model overlap, so the copy must belong to the model of the body
+        # `_check_overlaps` lets bodies of one model overlap, so the copy must belong to the model of the body
         for model_ids in self._ids_by_model.values():
             if body_id in model_ids:
                 model_ids.append(copy)
@@ -307,36 +307,42 @@ class BulletWorld:
             self._lift_out_of_the_ground(copy)  # `move_body` lifts the body in the same way
         return copy
 
-    def check_room(self, name: str, copy: Optional[int] = None, ignored: Sequence[int] = ()) -> None:
-        """Check that a body, or the robot, does not stand inside another body.
+    def check_room(self, name: str) -> None:
+        """Check that a body, or the robot, does not stand inside another body at its present pose.
+
+        Raises PlacementError if it does.
+        """
+        # only the start of the robot is checked here, and a user chooses it by launch arguments
+        remedy = "; choose another x, y or z" if name == ROBOT else ""
+        self._check_overlaps(self._ids_by_name[name], remedy=remedy)
+
+    def _check_overlaps(
+        self, checked_ids: Sequence[int], may_overlap: Sequence[int] = (), remedy: str = ""
+    ) -> None:
+        """Check that a body does not stand inside another body.
 
         The body may overlap with planes, and with other bodies of its model.
 
         Args:
-            name: name of the body, or of the robot.
-            copy: id of a copy at a new pose, which is checked instead of the body; None for the body itself.
-            ignored: ids of bodies that the body may also overlap with.
+            checked_ids: all ids of the body in Bullet; a body with planes has several.
+            may_overlap: ids of more bodies with which the body may overlap.
+            remedy: end of the error's text, which tells the user what to do.
 
         Raises:
             PlacementError: the body reaches into another body.
         """
-        body_ids = self._ids_by_name[name]  # a body with planes has several ids in Bullet
-        checked_ids = body_ids if copy is None else [copy]
-        may_overlap = {*checked_ids, *ignored, *self._planes}
+        allowed_ids = {*checked_ids, *may_overlap, *self._planes}
         for model_ids in self._ids_by_model.values():
-            if any(body_id in model_ids for body_id in body_ids):
-                may_overlap.update(model_ids)
+            if any(body_id in model_ids for body_id in checked_ids):
+                allowed_ids.update(model_ids)
         # Bullet's bounding boxes and contacts are of the last step; compute them for the present poses
         self._engine.performCollisionDetection()
         for checked_id in checked_ids:
-            for other in sorted(self._ids_near(checked_id) - may_overlap):
+            for other in sorted(self._ids_near(checked_id) - allowed_ids):
                 points = self._engine.getClosestPoints(checked_id, other, 0.0)
                 if any(point[_DISTANCE] < -_TOO_DEEP for point in points):
-                    # A user chooses the start of the robot by the launch arguments x, y and z. At the start,
-                    # the robot itself is checked. At any later pose, a copy of the robot is checked.
-                    is_start = name == ROBOT and copy is None
-                    remedy = "; choose another x, y or z" if is_start else ""
-                    raise PlacementError(f"'{name}' would stand inside '{self._name_by_id[other]}'{remedy}")
+                    name, name_of_other = self._name_by_id[checked_id], self._name_by_id[other]
+                    raise PlacementError(f"'{name}' would stand inside '{name_of_other}'{remedy}")
 
     def _ids_near(self, body_id: int) -> Set[int]:
         """Return the ids of the bodies whose bounding boxes overlap with those of a body.
@@ -357,16 +363,16 @@ class BulletWorld:
         return self._pose(self._ids_by_name[name][-1])
 
     def velocity_of(self, name: str) -> Tuple[Vector3, Vector3]:
-        """Velocity of a body's origin [m/s] and its spin [rad/s], in the world."""
-        body_id = self._ids_by_name[name][-1]  # the only id if the body is movable
+        """Velocity of a movable body's origin [m/s] and its spin [rad/s], in the world."""
+        body_id = self._ids_by_name[name][-1]  # a movable body has only one id
         velocity_of_com, spin = self._engine.getBaseVelocity(body_id)
         # v_origin = v_com - w x r, with r from the origin to the centre of mass
         velocity = minus(velocity_of_com, cross(spin, self._origin_to_com(body_id)))
         return velocity, spin
 
     def set_velocity(self, name: str, velocity: Vector3, spin: Vector3) -> None:
-        """Give a body a velocity of its origin [m/s] and a spin [rad/s], in the world."""
-        body_id = self._ids_by_name[name][-1]  # the only id if the body is movable
+        """Give a movable body a velocity of its origin [m/s] and a spin [rad/s], in the world."""
+        body_id = self._ids_by_name[name][-1]  # a movable body has only one id
         # v_com = v_origin + w x r = v_origin - r x w, with r from the origin to the centre of mass
         velocity_of_com = minus(velocity, cross(self._origin_to_com(body_id), spin))
         self._engine.resetBaseVelocity(body_id, velocity_of_com, spin)
