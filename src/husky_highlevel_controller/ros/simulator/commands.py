@@ -172,8 +172,8 @@ class Commands:
     def _on_twist(self, topic: str, msg: Twist) -> None:
         """Queue a command for `take`, and tell lockstep that it has come; rospy calls this for each command.
 
-        If lockstep waits only for an answer to each scan (mode ANSWERING), further commands of a topic that
-        has answered the scan are ignored, so that a run is repeatable.
+        If lockstep waits only for an answer to each scan, it drops the further commands of a topic that has
+        answered the scan, so that a run is repeatable.
         """
         sender = msg._connection_header["callerid"]  # name of the node that sent the command
         if topic == self._direct_topic and sender == rospy.get_name():

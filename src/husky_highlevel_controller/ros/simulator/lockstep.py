@@ -1,8 +1,7 @@
 """Lockstep: holds the simulated clock until a command has answered the last scan.
 
 In: calls when a scan is sent, when the clock ticks, and when a command arrives. Out: waits of the thread that
-owns the simulation, as `Mode` says. `LeadLimit` is for a clock that is neither in lockstep nor bound to wall
-time.
+owns the simulation. `LeadLimit` is for unlimited speed without lockstep.
 """
 
 from __future__ import annotations
@@ -22,8 +21,9 @@ PARTNER_TIMEOUT = 60.0  # [s] longest wall time for which the start of simulated
 ANSWER_TIMEOUT = 5.0
 # [s] if the very first command has not come after this wall time, the scan is sent again
 RESEND_TIMEOUT = 1.0
-# [s] if an idle controller sends no command for this wall time, the clock is nudged (moved to just before its
-# next tick); if the controller is still idle after the same time again, it counts as sleeping
+# [s] If an idle controller sends no command for this wall time, the simulator moves the clock to just before
+# the next tick (a nudge). If no command comes for this wall time after the nudge, the controller counts as
+# asleep.
 SLEEP_TIMEOUT = 0.3
 # [s] longest wait at a tick until all subscribers are idle. After a wait of this length there are no more
 # waits at ticks, because some subscribers, such as RViz, are never idle.
@@ -43,55 +43,29 @@ FOLLOWING_SCANS = 10
 AWAKE = 10  # number of scans that a controller must answer in a row to count as awake
 
 
-class Mode(Enum):
-    """Rule for the waits of the simulator after a scan, and after a tick (a message on /clock).
+class _Watch(Enum):
+    """For how long the simulator watches the listeners: it waits at each tick until all of them are idle.
 
-    The listeners are the processes that receive the scans or the clock. They are idle if none of their
-    threads runs. In every mode that waits at ticks, each tick is sent twice.
-
-    The first mode is WATCHED. The mode then changes:
-
-    - WATCHED to ANSWERING when AWAKE scans in a row were answered.
-    - WATCHED or ALWAYS_WATCHED to ANSWERING when listeners are not idle within WATCH_TIMEOUT.
-    - WATCHED to ALWAYS_WATCHED when a command came at a tick, before the scan was sent.
-    - WATCHED or ANSWERING to ALWAYS_WATCHED when a command came only after a nudge. A nudge moves the clock
-      to just before its next tick. It is made once for each scan, when listeners are idle and no command has
-      come for SLEEP_TIMEOUT.
-    - WATCHED, ALWAYS_WATCHED or ANSWERING to SLEEPING when listeners are idle and no command has come for
-      SLEEP_TIMEOUT after the nudge either. Before the very first command, the scan is sent again in place of
-      the nudge.
-    - SLEEPING, when AWAKE scans in a row were answered: to ALWAYS_WATCHED if the mode before was
-      ALWAYS_WATCHED, or if it was WATCHED and a command came at a tick during the sleep; otherwise to
-      ANSWERING.
-    - any mode to FREE, with a warning, when a wait takes ANSWER_TIMEOUT.
+    The listeners are the processes that receive the scans or the clock. A tick is a message on /clock. While
+    a controller sleeps, the listeners are watched in any case.
     """
 
-    # waits after a scan for a command, and then until listeners are idle; waits at a tick until listeners are
-    # idle
-    WATCHED = 1
-    # waits as WATCHED, but answered scans do not end this mode, because the controller works at ticks
-    ALWAYS_WATCHED = 2
-    ANSWERING = 3  # waits after a scan for a command; does not wait at a tick
-    # waits after a scan and at a tick until listeners are idle; does not wait for a command, because the
-    # controller sleeps by simulated time
-    SLEEPING = 4
-    FREE = 5  # never waits, because lockstep is off or has ended
-
-
-# Modes for a controller that is awake. It may begin to sleep at a tick, so the simulator waits at each tick
-# until all listeners are idle.
-_WATCHING_MODES = (Mode.WATCHED, Mode.ALWAYS_WATCHED)
+    UNTIL_ANSWERS = 1  # the listeners are watched until the controller has answered AWAKE scans in a row
+    ALWAYS = 2  # the listeners are always watched, because the controller sends commands at ticks
+    NEVER = 3  # the listeners are not watched; the simulator waits only for an answer to each scan
 
 
 class Lockstep:
     """Makes simulated time wait after each scan for one command, so that a run is the same on a busy machine.
 
     A controller may sleep by simulated time, for example in rospy.sleep. It answers no scan during its sleep,
-    so simulated time must go on without an answer (mode SLEEPING). On a busy machine, such a sleep begins by
-    chance before or after a tick of the clock. So the simulator waits at each tick until the controller
-    sleeps (mode WATCHED). These waits end after AWAKE answered scans in a row (mode ANSWERING), unless the
-    controller works at ticks (mode ALWAYS_WATCHED). In mode FREE, lockstep is off or has ended, and the
-    simulator does not wait.
+    so the simulator then does not wait for a command.
+
+    On a busy machine, such a sleep begins by chance before or after a tick of the clock. So the simulator
+    watches the listeners (`_Watch`): at each tick and after each answer, it waits until none of their threads
+    runs. A controller that soon answers AWAKE scans in a row does not sleep, and need not be watched.
+
+    If an answer does not come for ANSWER_TIMEOUT, lockstep ends with a warning.
     """
 
     def __init__(
@@ -106,12 +80,15 @@ class Lockstep:
                 is the controller. The kind is "asleep" for each scan that a sleeping controller does not
                 answer, and "unanswered" once, when lockstep ends.
         """
-        self._mode = Mode.WATCHED if is_on else Mode.FREE
-        self._mode_after_sleep = self._mode  # mode that comes back when the mode SLEEPING ends
+        self._is_on = is_on  # false if lockstep is off or has ended; then the simulator never waits
+        # true while the controller sleeps by simulated time; then the simulator waits for no command
+        self._is_asleep = False
+        # for how long the listeners are watched; it counts only while the controller does not sleep
+        self._watch = _Watch.UNTIL_ANSWERS
         self._listeners = listeners
         # tells the recorder of a graded run that an answer does not come: gets a kind and a sentence
         self._tell = tell
-        self._answered = threading.Event()  # set if a command has come since the last scan
+        self._answered = threading.Event()  # set if a command has come since the last call of `begin_scan`
         # topics on which a command has come since the last scan; None before the first scan
         self._answered_topics: Optional[Set[str]] = None
         self._has_commanded = False  # true if any command has come so far
@@ -119,14 +96,21 @@ class Lockstep:
         self._is_in_scan_step = False
         self._answered_in_a_row = 0  # number of scans in a row that were answered
 
+    @property
+    def _is_watching(self) -> bool:
+        """Return whether the simulator waits at each tick, and after each scan, for idle listeners."""
+        return self._is_on and (self._is_asleep or self._watch is not _Watch.NEVER)
+
     def drops(self, topic: str) -> bool:
         """Return whether to ignore a command, because an earlier command on its topic has answered the scan.
 
         The next physics step begins after the first command. It depends on the load of the machine whether a
         second command arrives before or after this step, so a run that obeyed it would not be repeatable.
-        Only the mode ANSWERING ignores commands.
+        While the listeners are watched, no command is ignored, because the step waits until they are idle.
         """
-        return self._mode is Mode.ANSWERING and topic in (self._answered_topics or ())
+        if not self._is_on or self._is_watching:
+            return False
+        return topic in (self._answered_topics or ())
 
     def command_arrived(self, topic: str) -> None:
         """Count a command on any velocity topic as an answer to the last scan, which ends the wait for it.
@@ -150,7 +134,7 @@ class Lockstep:
             meanwhile()
             return partners.joined()
 
-        if self._mode is Mode.FREE:
+        if not self._is_on:
             return
         rospy.loginfo(
             f"lockstep: waiting for a subscriber of {partners.scan_topic} and a sender of "
@@ -171,7 +155,7 @@ class Lockstep:
         """Wait until a command has arrived since `begin_scan`; call this after the scan was sent.
 
         If the controller sleeps by simulated time, no command can come before the clock goes on. So the wait
-        also ends without a command if the controller is found to sleep (mode SLEEPING).
+        also ends without a command if the controller is found to sleep.
 
         Args:
             meanwhile: serves service calls; it is called again and again during the wait.
@@ -180,15 +164,15 @@ class Lockstep:
             nudge: publishes a time just before the next tick, without a physics step. A controller that
                 sleeps until a time between two ticks wakes up.
         """
-        if self._mode is Mode.FREE:
+        if not self._is_on:
             return
-        if self._mode is not Mode.SLEEPING:
+        if not self._is_asleep:
             self._wait_for_command(meanwhile, resend, nudge)
         # the controller may begin a sleep after its command, and the clock must not go on before this sleep
         self._wait_until_idle(meanwhile)
         # A controller that has never sent a command is not reported as asleep, because it may be waiting for
         # a call of its start service.
-        if self._mode is Mode.SLEEPING and self._has_commanded and not self._answered.is_set():
+        if self._is_on and self._is_asleep and self._has_commanded and not self._answered.is_set():
             self._tell(
                 "asleep", "it does not answer every scan with a command, so scans continue while it sleeps"
             )
@@ -196,29 +180,21 @@ class Lockstep:
         self._count_answers()
 
     def _count_answers(self) -> None:
-        """Count the scans that were answered in a row, and after AWAKE of them, change the mode.
+        """Count the scans that were answered in a row; after AWAKE of them, no controller is asleep.
 
-        An unanswered scan sets the count to 0. After AWAKE answers, the mode SLEEPING ends, because the
-        controller is awake. The mode WATCHED becomes ANSWERING, because a controller that answers each scan
-        need not be watched at ticks. The mode ALWAYS_WATCHED stays.
+        A controller that answers every scan need not be watched, unless it sends commands at ticks.
         """
         if not self._answered.is_set():
             self._answered_in_a_row = 0
             return
         self._answered_in_a_row += 1
-        if self._answered_in_a_row < AWAKE:
-            return
-        if self._mode is Mode.SLEEPING:
-            self._mode = self._mode_after_sleep
-        # the mode may have become WATCHED just now, at the end of the sleep
-        if self._mode is Mode.WATCHED:
-            self._mode = Mode.ANSWERING
+        if self._answered_in_a_row >= AWAKE:
+            self._is_asleep = False
+            if self._watch is _Watch.UNTIL_ANSWERS:
+                self._watch = _Watch.NEVER
 
     def tick(self, meanwhile: Callable[[], None], again: Callable[[], None]) -> None:
         """Wait until the listeners have done their work at this tick; call this after each tick of the clock.
-
-        A controller that sends a command at a tick, and not as the answer to a scan, must be watched at all
-        ticks from then on (mode ALWAYS_WATCHED).
 
         Args:
             meanwhile: serves service calls; it is called again and again during the wait.
@@ -226,36 +202,35 @@ class Lockstep:
                 tick, so it misses a tick that comes between the two.
         """
         self._wait_until_idle(meanwhile)
-        if self._mode in (*_WATCHING_MODES, Mode.SLEEPING):
+        if self._is_watching:
             again()
             self._wait_until_idle(meanwhile)
-        # In a step with a scan, `begin_scan` has forgotten earlier commands, and the scan is sent only after
-        # this tick. So a command that has come by now is not an answer to the scan, but was sent at the tick.
-        has_commanded_at_tick = self._is_in_scan_step and self._answered.is_set()
-        if has_commanded_at_tick:
-            self._watch_always()
+        if self._has_commanded_at_tick() and self._watch is _Watch.UNTIL_ANSWERS:
+            self._watch = _Watch.ALWAYS
 
-    def _watch_always(self) -> None:
-        """Change the mode WATCHED to ALWAYS_WATCHED; during a sleep, change the mode after the sleep."""
-        if self._mode is Mode.WATCHED:
-            self._mode = Mode.ALWAYS_WATCHED
-        elif self._mode is Mode.SLEEPING and self._mode_after_sleep is Mode.WATCHED:
-            self._mode_after_sleep = Mode.ALWAYS_WATCHED
+    def _has_commanded_at_tick(self) -> bool:
+        """Return whether a command has come at this tick, before the scan of this step is sent.
+
+        Such a command does not answer a scan. At a tick without a scan, the result is always false, because
+        a command that has come may be the answer to the last scan.
+        """
+        return self._is_in_scan_step and self._answered.is_set()
 
     def _wait_for_command(
         self, meanwhile: Callable[[], None], resend: Callable[[], None], nudge: Callable[[], None]
     ) -> None:
-        """Wait for the command that answers a scan, or until the controller is known to sleep (SLEEPING).
+        """Wait for the command that answers a scan, or until the controller is found to sleep.
 
         If no command comes, one attempt is made to get a command:
 
         - Before the very first command, the scan is sent again after RESEND_TIMEOUT, because the scan or the
           command may have been lost while the nodes connected.
         - Later, if the listeners are idle after SLEEP_TIMEOUT, the clock is nudged, because the controller
-          may sleep until a time between two ticks. If a command comes then, the mode becomes ALWAYS_WATCHED.
+          may sleep until a time between two ticks. A controller that then sends a command works at ticks, so
+          it is always watched from then on.
 
         When SLEEP_TIMEOUT has passed since the attempt, and the listeners are idle, and still no command has
-        come, the controller sleeps by simulated time, and the mode becomes SLEEPING.
+        come, the controller counts as asleep.
         """
         if self._answered.is_set():
             return
@@ -287,25 +262,23 @@ class Lockstep:
                     attempt()
             elif time.monotonic() - attempted_at > SLEEP_TIMEOUT and is_asleep():
                 # the attempt has not helped, so the controller sleeps
-                self._mode_after_sleep, self._mode = self._mode, Mode.SLEEPING
+                self._is_asleep = True
                 rospy.loginfo_once("lockstep: a controller is sleeping; advancing one scan at a time")
                 return True
             return self._answered.wait(POLL_PERIOD)  # true if a command has come within POLL_PERIOD
 
         self._wait_or_end_lockstep(is_over, ANSWER_TIMEOUT, missing="no command answers the scan")
         was_nudged = attempted_at is not None and not is_before_first_command
-        if was_nudged and self._mode not in (Mode.SLEEPING, Mode.FREE):
-            # The command came only after the nudge. So the controller sleeps by simulated time between two
-            # commands, and wakes when the clock moves. From now on, the simulator waits at each tick until
-            # the controller has done its work.
-            self._mode = Mode.ALWAYS_WATCHED
+        if was_nudged and self._is_on and not self._is_asleep:
+            # the command came only when the nudge moved the clock
+            self._watch = _Watch.ALWAYS
 
     def _wait_until_idle(self, meanwhile: Callable[[], None]) -> None:
-        """Wait until the listeners are idle; return at once in the modes ANSWERING and FREE.
+        """Wait until the listeners are idle; return at once if they are not watched.
 
-        If the wait takes ANSWER_TIMEOUT, the mode SLEEPING becomes FREE, with a warning. If the wait takes
-        WATCH_TIMEOUT, the modes WATCHED and ALWAYS_WATCHED become ANSWERING, because some listeners, such as
-        RViz, are never idle. From then on, the simulator waits only for commands.
+        During a controller's sleep, lockstep ends if they are not idle within ANSWER_TIMEOUT. Otherwise they
+        are no longer watched if they are not idle within WATCH_TIMEOUT, because some of them, such as RViz,
+        are never idle.
         """
 
         def are_idle() -> bool:
@@ -313,22 +286,24 @@ class Lockstep:
             meanwhile()
             return self._listeners.asleep()
 
-        if self._mode is Mode.SLEEPING:
+        if not self._is_watching:
+            return
+        if self._is_asleep:
             self._wait_or_end_lockstep(
                 are_idle, ANSWER_TIMEOUT, "a controller that sleeps between scans is still busy"
             )
-        elif self._mode in _WATCHING_MODES:
-            end = time.monotonic() + WATCH_TIMEOUT
-            while not are_idle():
-                if time.monotonic() >= end or rospy.is_shutdown():
-                    self._mode = Mode.ANSWERING
-                    return
-                time.sleep(0.001)
+            return
+        end = time.monotonic() + WATCH_TIMEOUT
+        while not are_idle():
+            if time.monotonic() >= end or rospy.is_shutdown():
+                self._watch = _Watch.NEVER
+                return
+            time.sleep(0.001)
 
     def _wait_or_end_lockstep(
         self, done: Callable[[], bool], timeout: float, missing: str, period: float = 0.001
     ) -> None:
-        """Wait until `done` returns true; after `timeout` [s] of wall time, end lockstep (mode FREE).
+        """Wait until `done` returns true; after `timeout` [s] of wall time, end lockstep.
 
         Args:
             done: function that is called again and again until it returns true; during the wait, it also
@@ -338,7 +313,7 @@ class Lockstep:
             period: wall time between two calls of `done` [s].
         """
         end = time.monotonic() + timeout
-        while self._mode is not Mode.FREE and not rospy.is_shutdown() and not done():
+        while self._is_on and not rospy.is_shutdown() and not done():
             if time.monotonic() > end:
                 rospy.logwarn(
                     f"lockstep: after {timeout:g} s of wall time {missing}; continuing without lockstep"
@@ -347,7 +322,7 @@ class Lockstep:
                     "unanswered",
                     "it does not answer every scan with a command, so scans continued without it",
                 )
-                self._mode = Mode.FREE  # ends this loop
+                self._is_on = False  # ends this loop
             time.sleep(period)
 
 
@@ -360,9 +335,10 @@ class LeadLimit:
     """
 
     def __init__(self, is_on: bool) -> None:
-        """Set up; without `is_on`, the simulation never waits. At first, the controller counts as in time."""
+        """Set up; without `is_on`, the simulation never waits."""
         self._is_on = is_on
-        # true while the controller answers scans in time; otherwise a wait makes no sense
+        # true while the controller answers scans in time, as at first; the simulation does not wait for a
+        # controller that is always late
         self._follows = is_on
         self._arrived = threading.Event()  # set if a command has come since the last scan
         self._lead = 0  # number of scans sent since the last command
