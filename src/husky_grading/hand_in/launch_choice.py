@@ -46,7 +46,7 @@ from husky_grading.records import Launchable, Override
 from husky_grading.submission import NO_ROBOT_PACKAGES, OWN_RVIZ, Plan, RobotPackages
 from husky_highlevel_controller.paths import share_folder
 
-MAX_TEXT_SIZE = 1_000_000  # [bytes] larger source files and templates are not read
+MAX_TEXT_SIZE = 1_000_000  # [bytes] larger source files are not read
 # package that `./dev new` copies as a student's first package
 TEMPLATE = share_folder() / "examples" / "first_node"
 TEMPLATE_CPP = TEMPLATE.with_name("first_node_cpp")
@@ -269,7 +269,7 @@ def choose_launch_files(files: Sequence[LaunchFile], exercise: int, facts: Facts
     # among files with equal merits, the file with the shorter path is better
     return sorted(
         fitting,
-        key=lambda file: (*_merits(file, exercise, facts), len(file.place.parts), str(file.place)),
+        key=lambda file: (*_sort_key(file, exercise, facts), len(file.place.parts), str(file.place)),
     )
 
 
@@ -331,11 +331,11 @@ def equal_launch_files(
 
     If there are any, only the teacher can tell which launch file is the solution.
     """
-    best = _merits(launch, exercise, facts)
+    best = _sort_key(launch, exercise, facts)
     return [
         str(other.place)
         for other in candidates
-        if other.plan.digest != launch.plan.digest and _merits(other, exercise, facts) == best
+        if other.plan.digest != launch.plan.digest and _sort_key(other, exercise, facts) == best
     ]
 
 
@@ -391,26 +391,27 @@ def _launch_files_above(package: Package, contents: Contents) -> Iterator[FoundF
                     yield FoundFile(path, place / path.relative_to(top).as_posix())
 
 
-def _merits(file: LaunchFile, exercise: int, facts: Facts) -> Tuple[Any, ...]:
-    """Return criteria by which launch files are sorted, the most important one first; smaller is better.
+def _sort_key(file: LaunchFile, exercise: int, facts: Facts) -> Tuple[Any, ...]:
+    """Return a key to sort launch files; the launch file with the smallest key is graded.
 
-    The launch file with the smallest result is probably the student's solution, and is graded. A criterion
-    that speaks for a launch file is negated, because False is smaller than True.
+    Each entry of the key is True if something shows that the launch file is not the student's solution. An
+    entry counts only if two launch files are equal in all entries before it.
     """
     fit = fit_of_path(file.place, exercise)
     # a solution starts the course's world and reads scans, and its path often has a word such as controller
     content = (not file.plan.pillar, not file.scans, not CONTROLLER.search(str(file.place)))
-    # The fit is negative, because a larger `Fit` is better. In exercise 3, which sets `by_content`, the world
-    # with the pillar is surer evidence than a number in the path, so the content comes first.
-    fit_and_content = (content, -fit) if facts.by_content else (-fit, content)
+    has_no_number = (fit == Fit.NO_NUMBER,)
+    # In exercise 3, which sets `by_content`, the world with the pillar is surer evidence than a number in the
+    # path, so the content comes first.
+    content_and_number = content + has_no_number if facts.by_content else has_no_number + content
     return (
-        file.is_template,  # an unchanged template has no work of the student, so it comes last
-        fit == Fit.OTHER_EXERCISE,  # a path with the number of another exercise comes later
-        _has_other_use(file, facts),  # a launch file for a test is not the solution, so it comes later
-        *fit_and_content,
+        file.is_template,  # an unchanged template has no work of the student
+        fit == Fit.OTHER_EXERCISE,
+        _has_other_use(file, facts),  # a launch file for a test is not the solution
+        *content_and_number,
         # a word such as controller counts more in the file's name than in a folder's name
         not CONTROLLER.search(file.place.name),
-        # the exercises ask for a launch file that starts RViz, so a file without RViz comes later
+        # the exercises ask for a launch file that starts RViz
         not file.plan.rviz,
     )
 
@@ -420,7 +421,7 @@ def _has_other_use(file: LaunchFile, facts: Facts) -> bool:
     # packages of ROS whose nodes are graded in place of the student's own nodes; empty except in exercise 4
     graded_packages = facts.robot_packages.by_submission
     if graded_packages:
-        # in exercise 4, the name of a solution often has a word of OTHER_USE, such as ekf, so the nodes and
-        # not the name show another use
+        # In exercise 4, the name of a solution often has a word of OTHER_USE, such as ekf. So the name does
+        # not count, but a launch file without these nodes has another use.
         return not any(_package_of(node) in graded_packages for node in file.nodes)
     return bool(OTHER_USE.search(file.place.name))

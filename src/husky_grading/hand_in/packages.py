@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 import unicodedata
 from dataclasses import dataclass, field
-from enum import IntEnum
+from enum import Enum
 from functools import cached_property, partial
 from pathlib import Path, PurePosixPath
 from typing import Any, Dict, FrozenSet, List, Mapping, Sequence, Set, Tuple
@@ -23,7 +23,7 @@ from husky_highlevel_controller.datatypes import HuskyError
 from husky_highlevel_controller.dependencies import dependencies_of
 
 MAX_ARCHIVES, MAX_PACKAGES = 50, 200  # largest number of archives and of packages in one submission
-MAX_MANIFEST = 1_000_000  # [bytes] largest package.xml, launch file or Python file that is read
+MAX_TEXT = 1_000_000  # [bytes] largest package.xml, launch file or Python file that is read
 # names of folders that programs make, such as a build; they have no work of the student
 BUILT = frozenset({"build", "devel", "install", "logs", ".git", "__pycache__", "__MACOSX", ".catkin_tools"})
 # packages of courses, of Debian and of the robot; a copy of such a package is not the student's work
@@ -76,12 +76,12 @@ class Package:
 
     @cached_property
     def imported(self) -> FrozenSet[str]:
-        """Return the names of the modules that its Python files import.
+        """Return the names of the modules that the package's Python files import.
 
-        Some of them may be packages on which it depends, but which its package.xml forgets.
+        A module may belong to a package that is missing in package.xml.
         """
         # a Python node may have a name without an ending
-        texts = texts_in(self.path, {".py", ""}, MAX_MANIFEST, skipped=BUILT)
+        texts = texts_in(self.path, {".py", ""}, MAX_TEXT, skipped=BUILT)
         return frozenset(name for _, text in texts for name in _IMPORT.findall(text))
 
 
@@ -176,7 +176,7 @@ def read_manifest(path: Path) -> Tuple[str, FrozenSet[str]]:
         NotMarkableError: the package.xml cannot be read, or its name is not a valid name of a package.
     """
     try:
-        root = read_xml(path, MAX_MANIFEST)
+        root = read_xml(path, MAX_TEXT)
     except UnreadableFileError as error:
         raise NotMarkableError(str(error)) from error
     name = str(root.findtext("name") or "").strip()
@@ -208,12 +208,12 @@ def exercise_numbers(name: str) -> Set[int]:
     return numbers
 
 
-class Fit(IntEnum):
-    """Fit of a path to an exercise, by the numbers of exercises in the path; a larger value is better."""
+class Fit(Enum):
+    """Fit of a path to an exercise, by the numbers of exercises in the path."""
 
-    OTHER_EXERCISE = 0  # the path has the number of another exercise
-    NO_NUMBER = 1  # the path has no number of an exercise
-    THIS_EXERCISE = 2
+    THIS_EXERCISE = "this exercise"  # the path has the number of this exercise
+    NO_NUMBER = "no number"  # the path has no number of an exercise
+    OTHER_EXERCISE = "other exercise"  # the path has the number of another exercise
 
 
 def fit_of_path(place: PurePosixPath, exercise: int) -> Fit:
@@ -285,7 +285,7 @@ def _chosen_first(namesakes: Sequence[Package], exercise: int, attempt: int) -> 
     Attempt 0 chooses the best package, attempt 1 the second best one, and so on. If there are fewer packages,
     the last one that may be chosen is chosen again.
     """
-    ordered = sorted(namesakes, key=partial(_rank, exercise=exercise))  # the best package comes first
+    ordered = sorted(namesakes, key=partial(_sort_key, exercise=exercise))  # the best package comes first
     # packages of another exercise come last, and are chosen only if there are no others
     fitting = [each for each in ordered if fit_of_path(each.place, exercise) != Fit.OTHER_EXERCISE]
     number_choosable = len(fitting) or len(ordered)
@@ -338,21 +338,24 @@ def with_dependencies(names: Set[str], packages: Dict[str, Package]) -> Set[str]
     return members
 
 
-def _rank(package: Package, exercise: int) -> Tuple[Any, ...]:
-    """Return criteria that compare packages of the same name, the most important one first.
+def _sort_key(package: Package, exercise: int) -> Tuple[Any, ...]:
+    """Return a key to sort packages of the same name; the best package has the smallest key.
 
-    Smaller is better: the package with the smallest result is graded.
+    Each entry of the key says how bad the package is in one respect. An entry counts only if two packages are
+    equal in all entries before it.
     """
+    fit = fit_of_path(package.place, exercise)
     starts_own_node = package.name in _launched_packages(package)
-    in_archive = any(suffix_of(part) for part in package.place.parts)
     number_of_files = len(list(walk(package.path, skipped=BUILT)))
     return (
-        -fit_of_path(package.place, exercise),  # a path with the number of the exercise comes first
-        any(map(_OLD.search, package.place.parts)),  # a folder such as backup/ comes later
-        not starts_own_node,  # a package that starts its own node is a solution, and not a library
-        in_archive,  # an archive next to a folder is probably an older copy of the folder, so it comes later
-        -number_of_files,  # the copy with more files is more complete, so it comes first
-        len(package.place.parts),  # a shorter path comes first
+        fit == Fit.OTHER_EXERCISE,
+        fit == Fit.NO_NUMBER,
+        any(map(_OLD.search, package.place.parts)),  # the package is in a folder such as backup/
+        not starts_own_node,  # the package is probably a library, and not a solution
+        # an archive next to a folder is probably an older copy of the folder
+        any(suffix_of(part) for part in package.place.parts),
+        -number_of_files,  # a copy with fewer files is less complete
+        len(package.place.parts),
         str(package.place),  # the path decides last, so that each run makes the same choice
     )
 
@@ -364,7 +367,7 @@ def nodes_in(launch_file: Path, in_comments: bool = False) -> Tuple[str, ...]:
     comments are searched. A file that cannot be read has no nodes.
     """
     try:
-        text = read_text(launch_file, MAX_MANIFEST)
+        text = read_text(launch_file, MAX_TEXT)
     except UnreadableFileError:
         return ()
     text = " ".join(_COMMENT.findall(text)) if in_comments else _COMMENT.sub("", text)

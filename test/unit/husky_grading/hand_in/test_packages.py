@@ -8,7 +8,7 @@ from hand_ins import NODE, archive, chosen, launch, opened, package
 from packages import manifest, put
 
 from husky_grading.hand_in import packages as packages_module
-from husky_grading.hand_in.packages import NotMarkableError, open_hand_in
+from husky_grading.hand_in.packages import Fit, NotMarkableError, open_hand_in
 
 pytestmark = pytest.mark.usefixtures("launch_files_read_here")
 
@@ -87,9 +87,12 @@ def test_numbers_of_exercises_in_names():
     assert len(table) >= 50
     assert {name: packages_module.exercise_numbers(name) for name in table} == table
     innermost = {
-        "exercise5/ex3.launch": 2, "exercise3/husky.launch": 2, "exercise3/ex5.launch": 0,
-        "U\u0308bung 3/a.launch": 2, "src/a": 1,
-    }  # fmt: skip
+        "exercise5/ex3.launch": Fit.THIS_EXERCISE,
+        "exercise3/husky.launch": Fit.THIS_EXERCISE,
+        "exercise3/ex5.launch": Fit.OTHER_EXERCISE,
+        "U\u0308bung 3/a.launch": Fit.THIS_EXERCISE,
+        "src/a": Fit.NO_NUMBER,
+    }
     assert {place: packages_module.fit_of_path(PurePosixPath(place), 3) for place in innermost} == innermost
 
 
