@@ -183,70 +183,62 @@ class ScanPlacement:
             has_all_frames = self.lookup(BASE, frame) and self.lookup(ODOM, BASE)
             if not has_all_frames:
                 return None
-        must_wait, transform = self._base_in_odom(pending.stamp, overdue)
-        if must_wait:
-            return None
+        latest = self.lookup(ODOM, BASE)  # latest transform of base_link in odom; None without odometry
+        transform = self._at_stamp(pending.stamp, latest)
+        if transform is None and latest is not None:
+            if self._may_still_come(pending.stamp, latest.header.stamp, overdue):
+                return None
+            transform = self._unless_old(pending.stamp, latest)
         base_in_odom = pose_to_2d(pose_from_transform(transform)) if transform else None
         return Observation(
             pending.scan, self._laser_in_base(frame), base_in_odom, self._footprint, self.ahead_of_odometry
         )
 
-    def _base_in_odom(self, stamp: rospy.Time, overdue: bool) -> Tuple[bool, Optional[TransformStamped]]:
-        """Return whether the scan must wait for odometry, and the best transform of base_link in odom so far.
+    def _at_stamp(self, stamp: rospy.Time, latest: Optional[TransformStamped]) -> Optional[TransformStamped]:
+        """Return the transform of base_link in odom at the stamp of a scan; None if TF does not have it.
 
-        The best transform is the one at the stamp of the scan. If it will not come, the latest transform is
-        used. It will not come in three cases:
+        `latest` is the latest transform. TF is asked for the stamp only if it may have the transform, because
+        a lookup in vain takes longer.
+        """
+        if latest is None or latest.header.stamp == stamp:
+            return latest
+        # A fixed transform has the stamp 0 and is valid at every time. The first moving transform of a
+        # simulation has the stamp 0, too, but is not valid at the stamp of a later scan.
+        may_be_fixed = latest.header.stamp.is_zero()
+        if may_be_fixed or latest.header.stamp > stamp:
+            return self.lookup(ODOM, BASE, stamp)
+        return None
 
-        - The latest transform is already newer than the scan, and TF has none at the stamp.
-        - Odometry counts as stopped, because a scan has already waited in vain for a newer transform.
-        - The scans' clock is ahead of odometry's clock, so the stamp is always too new.
+    def _may_still_come(self, stamp: rospy.Time, newest_stamp: rospy.Time, overdue: bool) -> bool:
+        """Return whether the transform at the stamp of a scan may still come, so that the scan waits for it.
 
-        The transform is None if TF has none. It is also None if the latest one is older than the scan by more
-        than MAX_AGE, because the robot would drive blindly. A transform with stamp 0 never counts as old,
-        because it may be fixed.
+        It cannot come if odometry is already past the stamp. It does not come in time if odometry counts as
+        stopped, or if the scans' clock is ahead of odometry's clock. An overdue scan lets odometry count as
+        stopped until a newer transform comes.
 
         Args:
-            stamp: stamp of the scan.
+            stamp: stamp of the scan, at which TF has no transform.
+            newest_stamp: stamp of the latest transform.
             overdue: whether the scan has waited for too long.
         """
-        # the latest transform is looked up first, because it often has the scan's stamp; a lookup of a stamp
-        # that TF does not have takes longer
-        latest = self.lookup(ODOM, BASE)
-        if latest is None:
-            # there is no odometry; the first scan has waited for it in `_place`, so the others do not wait
-            return False, None
-        newest_stamp = latest.header.stamp
-        if newest_stamp == stamp:
-            return False, latest
         if newest_stamp > stamp:
-            # TF is already past the stamp of the scan. If TF has no transform at this stamp now, none will
-            # come.
-            return False, self.lookup(ODOM, BASE, stamp) or latest
-        # From here on, the scan is newer than the latest transform.
-        if newest_stamp.is_zero():
-            # The transform is fixed if TF also has it at the stamp of the scan. Otherwise it is a moving
-            # transform from the beginning of simulated time.
-            fixed = self.lookup(ODOM, BASE, stamp)
-            if fixed is not None:
-                return False, fixed
-        # The stamps differ by the age of the transform, and by the time by which the scans' clock is ahead,
-        # which does not count as age.
-        age = (stamp - newest_stamp).to_sec() - self.ahead_of_odometry  # [s]
-        is_old = age > MAX_AGE and not newest_stamp.is_zero()
-        best = None if is_old else latest
-        return self._waits_for_odometry(newest_stamp, overdue), best
-
-    def _waits_for_odometry(self, newest_stamp: rospy.Time, overdue: bool) -> bool:
-        """Return whether a scan that is newer than the newest transform waits for a newer transform.
-
-        A scan does not wait if odometry counts as stopped, or if the scans' clock is ahead of odometry's
-        clock. An overdue scan lets odometry count as stopped until a newer transform comes.
-        """
+            return False
         if overdue:
             self._stamp_when_overdue = newest_stamp
         has_odometry_stopped = newest_stamp == self._stamp_when_overdue
         are_scans_ahead = self.ahead_of_odometry > 0.0  # exactly 0 if the clocks agree
         return not (has_odometry_stopped or are_scans_ahead)
+
+    def _unless_old(self, stamp: rospy.Time, latest: TransformStamped) -> Optional[TransformStamped]:
+        """Return the latest transform if it may be used for the scan with this stamp, or None.
+
+        None means that the transform is older than the scan by more than MAX_AGE, because the robot would
+        drive blindly. A stamp of 0 does not show the age of a transform, so such a transform is never old.
+        """
+        # The stamps differ by the age of the transform, and by the time by which the scans' clock is ahead,
+        # which does not count as age.
+        age = (stamp - latest.header.stamp).to_sec() - self.ahead_of_odometry  # [s]
+        return None if age > MAX_AGE and not latest.header.stamp.is_zero() else latest
 
     def _laser_in_base(self, frame: str) -> Optional[Pose]:
         """Return the pose of the lidar; None if TF does not have it, with a warning after many such scans.
