@@ -5,6 +5,7 @@ In: bodies. Out: their poses; a scene to cast rays into.
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Callable, Dict, List, Mapping, NamedTuple, Sequence, Tuple
 
 from husky_highlevel_controller.datatypes import (
@@ -28,14 +29,11 @@ def model_of_body(name: str) -> str:
 
 
 class _MovableShape(NamedTuple):
-    """Collision shape of a movable body, and its place in the lidar's scene."""
+    """Collision shape of a movable body, and the function that moves this shape in the lidar's scene."""
 
-    # function that moves the shape in the scene: `RayScene.move`, or `RayScene.move_mesh` for a mesh; it
-    # takes the `scene_index` of the shape, and the new pose of the shape in the world
-    move: Callable[[int, Pose], None]
-    scene_index: int  # `move` finds the shape by this index
+    set_pose_in_scene: Callable[[Pose], None]  # takes the new pose of the shape in the world
     body: str  # name of the body
-    geometry: Geometry
+    geometry: Geometry  # the shape, and its pose in the body
 
 
 class WorldObjects:
@@ -49,8 +47,8 @@ class WorldObjects:
     def __init__(self, bullet: BulletWorld) -> None:
         self._bullet = bullet
         self._bodies: Dict[str, Body] = {}
-        # Bullet does not know the bodies that are only drawn. These are the poses in the world of those that
-        # have been moved, by name.
+        # Bullet does not know a body that is only drawn, so its pose in the world is kept here, by name. A
+        # body that is only drawn and has no entry is at its initial pose.
         self._drawn_poses: Dict[str, Pose] = {}
 
     @property
@@ -190,7 +188,6 @@ class WorldObjects:
         """Move every body back to its initial pose, also a static body that a service has moved."""
         for name, pose in self.initial_poses.items():
             self._bullet.move_body(name, pose)
-        # a body that is only drawn is at its initial pose if this dict has no entry for it
         self._drawn_poses.clear()
         self._scene_is_stale = True
 
@@ -228,8 +225,8 @@ class WorldObjects:
         """
         if self._scene_is_stale:
             self._build_scene()
-        for move, scene_index, body, geometry in self._movable_shapes:
-            move(scene_index, compose(self._bullet.pose_of(body), geometry.pose_in_body))
+        for set_pose_in_scene, body, geometry in self._movable_shapes:
+            set_pose_in_scene(compose(self._bullet.pose_of(body), geometry.pose_in_body))
         return self._scene
 
     def _build_scene(self) -> None:
@@ -253,5 +250,6 @@ class WorldObjects:
             for index, (body, geometry) in enumerate(shapes):
                 # physics does not move a static body; a request that moves it makes the scene stale
                 if body.mass > 0.0:
-                    self._movable_shapes.append(_MovableShape(move, index, body.name, geometry))
+                    set_pose_in_scene = partial(move, index)
+                    self._movable_shapes.append(_MovableShape(set_pose_in_scene, body.name, geometry))
         self._scene_is_stale = False

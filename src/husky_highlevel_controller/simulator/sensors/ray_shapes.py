@@ -21,10 +21,10 @@ BOX, CYLINDER, SPHERE = 0, 1, 2
 
 Number = Any  # a number of one shape, or an array with a number for each shape
 Number3 = Tuple[Number, Number, Number]
-# Rows and numbers of a shape, (F, 2[, K]) and (G[, K]); K is the number of shapes if there are several. A row
-# (u, v) is the x and y of a vector whose scalar product with the direction d of each beam is needed:
-# u d_x + v d_y. As d is horizontal in the laser's frame, the vector's z is not needed. The numbers do not
-# depend on the beam.
+# What a formula needs to know of a shape: F rows and G numbers, which do not depend on the beam. A row (u, v)
+# is the x and y of a vector. `enter` gets the scalar product of this vector with the direction d of each
+# beam, u d_x + v d_y; the vector's z is not needed, because d_z is 0. For K shapes at once, u, v and each
+# number are arrays (K,).
 Prepared = Tuple[Sequence[Any], Sequence[Number]]
 
 
@@ -74,15 +74,17 @@ def _prepare_cylinder(center: Number3, axes: Sequence[Number3], size: Number3) -
         t = (s.m -+ sqrt((s.m)^2 - s.s (m.m - radius^2))) / s.s
           = (s.m -+ sqrt(radius^2 s.s - (d.m)^2)) / s.s
 
-    The last line holds because s.s m.m - (s.m)^2 = (d.m)^2. The last line is used and not the line above it,
-    whose root is not precise for a cylinder far away. `_flank` computes s.s and this root.
+    The last line is used, because the root in the line above it is not precise for a cylinder far away. The
+    two lines are equal: s and m are at right angles to e, so s x m = (d.m) e. The squared length of this
+    vector is (d.m)^2, and it is also s.s m.m - (s.m)^2. `_flank` computes s.s and the root.
 
     - rows: for the terms that depend on d.
     - numbers: e_z^2 and radius^2, for `_flank`; the depth of the laser in the cylinder without ends; and of
       the slab between the two ends, along the axis: its middle, half of its thickness, and the depth of the
       laser in it. A depth is negative if the laser is outside.
     """
-    (axis,), (radius, _, half_length) = axes, size  # the formula needs only the axis e along the cylinder
+    (axis,) = axes  # e
+    radius, _, half_length = size  # half the edges of the box around the cylinder along x, y and z
     m = cross(center, axis)
     e_cross_m = cross(axis, m)
     (ex, ey, ez), (mx, my, mz) = axis, m
@@ -180,24 +182,25 @@ def _enter_sphere(along: np.ndarray, numbers: np.ndarray) -> np.ndarray:
 class Formula(NamedTuple):
     """Intersection formula of one kind of shape, for beams in the xy plane of the laser's frame.
 
-    `prepare` does the work that is the same for all beams of a shape: it computes rows and numbers. A row is
-    the x and y of a vector. `enter` takes the scalar product of each row with the direction of each beam, and
-    the numbers, and returns the distance at which each beam enters the shape.
+    `prepare` does the work that is the same for all beams of a shape: it computes F rows and G numbers, see
+    `Prepared`. `enter` takes the scalar product of each row with the direction of each beam, and the numbers,
+    and returns the distance at which each of the P beams enters the shape.
     """
 
-    axes: slice  # indices of the shape's axes that the formula needs
-    # takes the centre, these axes and the half edges of the shape in the laser's frame; returns its rows and
-    # numbers, which `enter` needs
+    needed_axes: slice  # places of the axes that the formula needs among the shape's x, y and z axes
+    # takes the centre, the needed axes and the half edges of the shape in the laser's frame; returns the rows
+    # and the numbers
     prepare: Callable[[Number3, Sequence[Number3], Number3], Prepared]
-    # takes the scalar product of each row with the direction of each beam (F, P), and the numbers (G, 1 or
-    # P); returns the distance at which each beam enters the shape (P,) [m], inf or nan if the beam misses it
+    # takes the scalar products (F, P), and the numbers, (G, 1) for one shape or (G, P) for the shape of each
+    # beam; returns the distances (P,) [m], inf or nan if a beam misses the shape
     enter: Callable[[np.ndarray, np.ndarray], np.ndarray]
 
 
+_ALL_AXES, _ONLY_Z_AXIS, _NO_AXIS = slice(0, 3), slice(2, 3), slice(0, 0)
 FORMULAS = (  # formulas in the order of the numbers BOX, CYLINDER and SPHERE
-    Formula(slice(0, 3), _prepare_box, _enter_box),
-    Formula(slice(2, 3), _prepare_cylinder, _enter_cylinder),
-    Formula(slice(0, 0), _prepare_sphere, _enter_sphere),
+    Formula(_ALL_AXES, _prepare_box, _enter_box),
+    Formula(_ONLY_Z_AXIS, _prepare_cylinder, _enter_cylinder),
+    Formula(_NO_AXIS, _prepare_sphere, _enter_sphere),
 )
 
 # distances [m] at which a ray enters and leaves a shape; if the ray misses the shape, a distance is nan, or

@@ -16,7 +16,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from math import asin, atan2, hypot, inf, pi, sqrt
-from typing import Callable, List, NamedTuple, Optional, Sequence, Tuple
+from typing import Callable, List, NamedTuple, Sequence, Tuple
 
 import numpy as np
 
@@ -238,34 +238,41 @@ def _meet_one(
     # 3. only the beams towards the circle are computed, or all beams if the laser is inside the circle
     is_inside_circle = to_middle <= radius
     half_angle = pi if is_inside_circle else asin(radius / to_middle)
-    enter, rows, numbers = _formula_at(solid, center, laser, None if is_inside_circle else farthest)
+    enter_solid = _entry_function(solid, center, laser, farthest, is_inside_circle)
     for first, end in _beams_around(beams, atan2(y, x), half_angle):
-        entries = enter(np.dot(rows, beams.directions[:, first:end]), numbers)
+        entries = enter_solid(beams.directions[:, first:end])
         distances_there = distances[first:end]  # a view, so that the next line changes `distances`
         # a beam that misses has inf or nan; `fmin` ignores nan
         np.fmin(distances_there, entries, out=distances_there)
     return farthest
 
 
-def _formula_at(
-    solid: RaySolid, center: Vector3, laser: Axes, way: Optional[float]
-) -> Tuple[Callable[[np.ndarray, np.ndarray], np.ndarray], np.ndarray, np.ndarray]:
-    """Return `enter` of the solid's `Formula`, with the rows (F, 2) and the numbers (G, 1) that it needs.
+def _entry_function(
+    solid: RaySolid, center: Vector3, laser: Axes, way: float, may_be_inside: bool
+) -> Callable[[np.ndarray], np.ndarray]:
+    """Return a function that computes the distances at which beams enter a solid.
+
+    The returned function takes x and y of the directions of P beams in the laser's frame, (2, P). It returns
+    the distances, (P,) [m]; inf or nan for a beam that misses the solid. The work that is the same for all
+    beams is done before, once.
 
     Args:
         solid: the solid.
         center: centre of the solid in the laser's frame [m].
         laser: axes of the laser in the world.
-        way: largest distance at which a beam can meet the solid [m]; None if the laser may be inside.
+        way: largest distance at which a beam can meet the solid [m].
+        may_be_inside: true if the laser may be inside the solid.
     """
-    needed_axes, prepare, enter = FORMULAS[solid.kind]
-    axes = [along_axes(laser, axis) for axis in solid.axes[needed_axes]]
-    rows, numbers = prepare(center, axes, solid.size)
-    if solid.kind == CYLINDER and way is not None:
-        (axis,), (_, _, half_length) = axes, solid.size  # a cylinder's formula needs only the axis along it
+    formula: Formula = FORMULAS[solid.kind]
+    axes = [along_axes(laser, axis) for axis in solid.axes[formula.needed_axes]]  # axes in the laser's frame
+    rows, numbers = formula.prepare(center, axes, solid.size)
+    enter = formula.enter
+    if solid.kind == CYLINDER and not may_be_inside:
+        (axis,), (_, _, half_length) = axes, solid.size
         if _stays_between_ends(center, axis, half_length, way):
             enter = enter_flank  # faster, because it leaves out the ends; the laser must be outside
-    return enter, np.array(rows), np.array(numbers)[:, None]
+    rows_array, numbers_column = np.array(rows), np.array(numbers)[:, None]
+    return lambda directions: enter(np.dot(rows_array, directions), numbers_column)
 
 
 def _stays_between_ends(center: Vector3, axis: Vector3, half_length: float, way: float) -> bool:
@@ -338,7 +345,7 @@ def _meet_many(
         # for each pair: its beam (P,); the pairs of one candidate come one after the other
         beams_of_pairs = beams_of(first_beams[of_kind], counts)
         # the A axes that the formula needs, in the laser's frame: (K, A, 3), and then (A, 3, K)
-        axes = (scene.axes[solids_of_kind, formula.axes] @ laser.T).transpose(1, 2, 0)
+        axes = (scene.axes[solids_of_kind, formula.needed_axes] @ laser.T).transpose(1, 2, 0)
         entries = _entries_of_pairs(
             formula,
             centers[solids_of_kind].T,
