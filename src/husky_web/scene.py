@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from dataclasses import dataclass, field
 from math import ceil, dist
-from typing import Any, Dict, List, Optional, Tuple, Union
+from typing import Any, Dict, List, NamedTuple, Optional, Tuple, Union
 from urllib.parse import quote
 
 import numpy as np
@@ -57,9 +57,9 @@ RAYS = 60  # largest number of beams that are drawn; they are enough to show whi
 # [m] distance between two points of the trail; largest number of its points
 TRAIL_STEP, TRAIL_POINTS = 0.25, 1000
 LINE_WIDTH, TRAIL_WIDTH = 0.03, 0.015  # [m]
-# [m] the trail has its full colour up to TRAIL_NEW behind the robot, then it fades, and from TRAIL_OLD on it
-# has the faded colour
-TRAIL_NEW, TRAIL_OLD = 3.0, 15.0
+# [m] lengths of trail behind the robot: up to FADE_BEGINS, the trail has its full colour; between the two
+# lengths, it fades; beyond FADE_ENDS, it has FADED_COLOR
+FADE_BEGINS, FADE_ENDS = 3.0, 15.0
 # colour of the faded trail, visible on a light and on a dark page
 FADED_COLOR = (125, 148, 176)
 LINE_HEIGHT = 0.025  # [m] height of trail and plan above the ground
@@ -70,14 +70,14 @@ TRAIL_JUMP = 1.0
 # size [m] and colour of the box that stands for the robot while the mouse drags it
 GHOST_SIZE, GHOST_COLOR = (1.0, 0.7, 0.4), (0.95, 0.72, 0.05, 0.4)
 _NAME_LABEL: Any = {"font_size_mode": "scene", "font_scene_height": 0.06, "anchor": "bottom-center"}
-# [s] if a scan is older than the newest pose by more than this, the robot is drawn at its newest pose, and
-# not at its pose at the time of the scan
+# [s] the robot is drawn at its pose at the time of the newest scan; but if the times of this scan and of the
+# robot's newest pose differ by MAX_SCAN_AGE or more, the robot is drawn at its newest pose
 MAX_SCAN_AGE = 0.3
 LOOKS_PERIOD = 0.2  # [s] time between two updates of the appearance of markers and plan
 MAX_AXES = 200  # largest number of TF frames that are shown
 BASE, FOOTPRINT = "base_link", "base_footprint"
-# namespaces of three markers of the controller: its stop point, its path, with which the trail begins, and
-# its state, which the state bar shows
+# namespaces of three markers of the controller: its stop point, the path that the robot has driven, and the
+# controller's state
 TARGET, PATH, STATE = "target", "path", "state"
 
 
@@ -85,11 +85,18 @@ TARGET, PATH, STATE = "target", "path", "state"
 class DrawnMarker:
     """Marker in the view."""
 
-    node: Any
-    placed: Optional[Marker] = None  # message from which the node's pose was calculated last
-    drawn: Optional[Marker] = None  # last message of the marker from which its parts were drawn
-    appearance: Optional[Tuple[Any, ...]] = None
-    parts: List[Any] = field(default_factory=list)  # nodes of the marker's parts in the scene
+    node: Any  # node of viser; its pose is the marker's pose in the fixed frame
+    placed: Optional[Marker] = None  # message that has set the pose of the node
+    drawn: Optional[Marker] = None  # message that has set the parts
+    appearance: Optional[Tuple[Any, ...]] = None  # shape and colours of the parts
+    parts: List[Any] = field(default_factory=list)  # nodes of the marker's parts, children of `node`
+
+
+class RobotFrame(NamedTuple):
+    """Frame of the robot in the view."""
+
+    node: Any  # node of viser
+    parent: str  # TF frame in which the node has its pose
 
 
 class Scene:
@@ -107,9 +114,10 @@ class Scene:
         # [s] the robot is drawn at its pose at this time, the stamp of the drawn scan; None if the robot is
         # drawn at its newest pose
         self.moment: Optional[float] = None
-        self._robot: Dict[str, Any] = {}  # viser's node of each frame of the robot
+        self._robot: Dict[str, RobotFrame] = {}  # the key is the name of the TF frame
         self.robot_name = ""  # name of the robot in its URDF; empty before the first URDF
-        self._shadow: Any = None  # node of the shadow below the robot; None without a robot
+        # node of the shadow below the robot, a child of the node of base_link; None without a robot
+        self._shadow: Any = None
         self.robot_shapes: List[Any] = []  # nodes of the robot that the mouse can grasp
         self._drawn: Dict[Key, DrawnMarker] = {}  # markers that have a node in the scene
         self._axes: Dict[str, Any] = {}  # object of viser that draws the axes of each TF frame
@@ -140,8 +148,8 @@ class Scene:
     def draw_robot(self, description: str) -> None:
         """Draw the robot of a URDF, or log a warning if it cannot be read."""
         # nodes are removed in reverse order, so that children are removed before their parents
-        for node in reversed(self._robot.values()):
-            node.remove()
+        for shown in reversed(self._robot.values()):
+            shown.node.remove()
         self._robot, self.robot_shapes, self._shadow = {}, [], None
         try:
             self.robot_name, groups = rigid_groups(description)
@@ -151,11 +159,15 @@ class Scene:
         # the base comes first, because its node is the parent of the nodes of the other frames
         frames = sorted(groups, key=lambda frame: frame != BASE)  # False is sorted before True
         for frame in frames:
-            # links are children of the base in the scene, so that the pose of the base moves all of them
-            parent = f"/robot/{BASE}" if BASE in self._robot else "/robot"
+            # nodes are children of the base's node, so that the pose of the base moves all of them
+            if BASE in self._robot:
+                path, parent = f"/robot/{BASE}", BASE
+            else:  # this is the base, or the robot has no frame of this name
+                path, parent = "/robot", self.fixed_frame
             # slashes in the name are replaced, because viser would read each as a level of its tree of nodes
-            name = f"{parent}/{quote(frame, safe='')}"
-            self._robot[frame] = self._scene.add_frame(name, show_axes=False, visible=False)
+            name = f"{path}/{quote(frame, safe='')}"
+            node = self._scene.add_frame(name, show_axes=False, visible=False)
+            self._robot[frame] = RobotFrame(node, parent)
             for number, visual in enumerate(groups[frame]):
                 with on_error_log_and_skip(f"a visual of {frame} in robot_description"):
                     self.robot_shapes += clickable(
@@ -163,6 +175,7 @@ class Scene:
                     )
             if frame == BASE and self.robot_shapes:  # the base comes first, so these are its shapes only
                 low, high = bounds(self.robot_shapes)
+                # the shadow is below the middle of the base; `_update_shadow` moves it down to the ground
                 self._shadow = contact_shadow(self._scene, f"{name}/shadow", high - low, (low + high) / 2.0)
 
     @property
@@ -201,15 +214,10 @@ class Scene:
         self._update_shadow()
 
     def _update_shadow(self) -> None:
-        """Put the shadow on the ground, whose height below base_link TF gives by the frame base_footprint.
-
-        The pose of the shadow is relative to base_link. `draw_robot` has set its x and y to the middle of the
-        robot, so only the height is set here.
-        """
+        """Move the shadow up or down to the ground, which has the height of the frame base_footprint."""
         footprint = self.frames.pose(FOOTPRINT, BASE)
         if self._shadow is not None and footprint is not None:
-            x, y, _ = self._shadow.position.tolist()
-            place(self._shadow, Pose((x, y, footprint.position[2] + SHADOW_HEIGHT)))
+            _set_height(self._shadow, footprint.position[2] + SHADOW_HEIGHT)
 
     def show_layer(self, name: str, is_shown: bool) -> None:
         """Show or hide a layer, for every page, from the next update on."""
@@ -351,10 +359,8 @@ class Scene:
         newest_pose_stamp = self.frames.stamp(BASE)
         is_recent = newest_pose_stamp is not None and abs(newest_pose_stamp - self.scan_stamp) < MAX_SCAN_AGE
         self.moment = self.scan_stamp if is_recent else None
-        for frame, node in self._robot.items():
-            # the nodes of other frames are children of the base's node, see `draw_robot`
-            parent = BASE if frame != BASE and BASE in self._robot else self.fixed_frame
-            self._show(node, self.frames.pose(frame, parent, self.moment))
+        for frame, shown in self._robot.items():
+            self._show(shown.node, self.frames.pose(frame, shown.parent, self.moment))
 
     def _update_markers(self, topics: Topics, are_looks_due: bool) -> None:
         """Take in new markers, and draw all markers that are shown.
@@ -377,10 +383,10 @@ class Scene:
                     self._draw_marker(self._drawn[key], marker)
 
     def _take_markers(self, topics: Topics, ros_time: float) -> None:
-        """Take in new markers that came at this ROS time [s], except two that are shown elsewhere.
+        """Take in new markers that came at this ROS time [s], except the markers PATH and STATE.
 
-        The page draws a trail of the robot by itself, so it uses the marker PATH only for the part of the way
-        before the page was started. The state bar shows the marker STATE.
+        The page draws the trail of the robot by itself, so it uses the marker PATH only for the way that the
+        robot drove before the page was open. The state bar shows the state, so STATE is not used.
         """
         for topic, msg in topics.take_all("markers"):
             with on_error_log_and_skip(topic):
@@ -444,6 +450,12 @@ class Scene:
             self._show(self._axes[name], self.frames.pose(name, self.fixed_frame))
 
 
+def _set_height(node: Any, height: float) -> None:
+    """Move a node up or down to a height in its parent [m]; its x and y stay."""
+    x, y, _ = node.position.tolist()
+    place(node, Pose((x, y, height)))
+
+
 def _thinned(points: np.ndarray, count: int) -> np.ndarray:
     """Return every n-th point of (N, 3), at most `count` points."""
     step = max(ceil(len(points) / count), 1)
@@ -461,7 +473,7 @@ def trail_colors(trail: np.ndarray) -> np.ndarray:
     sums_from_the_end = np.cumsum(steps[::-1])[::-1]
     behind = np.concatenate([sums_from_the_end, [0.0]])
     # (N, 1) 0 for the full colour, 1 for the faded one
-    faded = np.clip((behind - TRAIL_NEW) / (TRAIL_OLD - TRAIL_NEW), 0.0, 1.0)[:, None]
+    faded = np.clip((behind - FADE_BEGINS) / (FADE_ENDS - FADE_BEGINS), 0.0, 1.0)[:, None]
     colors = (1.0 - faded) * TRAIL_COLOR + faded * FADED_COLOR
     linear: np.ndarray = np.round(255.0 * (colors / 255.0) ** GAMMA).astype(np.uint8)
     return linear

@@ -17,7 +17,7 @@ from husky_highlevel_controller.datatypes import Pose
 from husky_highlevel_controller.ros.controller.display import PATH, marker
 from husky_web import drawing
 from husky_web.legend import TRAIL_COLOR
-from husky_web.scene import FADED_COLOR, TRAIL_NEW, TRAIL_OLD, Scene, trail_colors
+from husky_web.scene import FADE_BEGINS, FADE_ENDS, FADED_COLOR, Scene, trail_colors
 
 
 @pytest.fixture(autouse=True)
@@ -88,7 +88,7 @@ def test_a_page_opened_after_the_drive_shows_the_way_that_the_controller_has_dri
 
 
 def test_a_trail_fades_with_its_length_behind_the_robot():
-    trail = np.array([(x, 0.0, 0.0) for x in (0.0, 1.0, 1.0 + TRAIL_OLD - TRAIL_NEW, 1.0 + TRAIL_OLD)])
+    trail = np.array([(x, 0.0, 0.0) for x in (0.0, 1.0, 1.0 + FADE_ENDS - FADE_BEGINS, 1.0 + FADE_ENDS)])
     shown = 255.0 * (trail_colors(trail) / 255.0) ** (1.0 / 2.2)
     assert shown == pytest.approx(np.array([FADED_COLOR, FADED_COLOR, TRAIL_COLOR, TRAIL_COLOR]), abs=5)
     steps = np.diff(trail_colors(np.linspace(0, 20, 201)[:, None] * (1, 0, 0)).astype(int), axis=0)
