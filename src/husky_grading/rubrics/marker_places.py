@@ -266,9 +266,8 @@ def _score_of_most(sorted_scores: np.ndarray) -> float:
 def _drawings_of(markers: Sequence[MarkerSample], scores: Mapping[int, float]) -> List[_Drawing]:
     """Return the times in which RViz draws each added marker, and the marker's score.
 
-    RViz draws a marker until its lifetime ends, or until it is
-    deleted or replaced by a marker of the same topic, namespace and id. A marker with a `problem` counts as
-    drawn, too, but its score is 0.
+    RViz draws a marker until its lifetime ends, or until it is deleted or replaced by a marker of the same
+    topic, namespace and id. A marker with a `problem` counts as drawn, too, but its score is 0.
 
     Args:
         markers: additions and deletions in the order of time.
