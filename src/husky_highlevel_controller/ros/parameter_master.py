@@ -17,15 +17,13 @@ import rosmaster.master_api
 from rosgraph.names import resolve_name
 from rosmaster.main import rosmaster_main
 
-from husky_highlevel_controller.ros.simulator.wrong_topics import TOOLS, UnreadParameter
+from husky_highlevel_controller.ros.simulator.wrong_topics import UnreadParameter, is_tool
 from husky_highlevel_controller.spelling import likeness
 
 MAX_REQUESTS = 10_000  # largest number of requests that the master remembers
 # A user has probably misspelt the name of a parameter if its likeness (0 to 1) to a name that a node requests
 # is at least this. sped is like speed, but max_range is not like min_range.
 MIN_LIKENESS = 0.8
-# beginnings of the names of tools that read all parameters, so their requests do not count
-READERS_OF_ALL = ("/rosparam", "/roslaunch")
 
 
 class Request(NamedTuple):
@@ -186,17 +184,15 @@ class ParameterMaster(rosmaster.master_api.ROSMasterHandler):
     def _note(self, caller_id: Any, key: Any, is_found: bool) -> None:
         """Remember a node's request for a parameter, and whether the parameter was set.
 
-        A tool such as rqt reads the parameters of all nodes. Its requests do not show that a node uses a
-        parameter. So only the requests of a tool for its own parameters count. Any program can send the
-        values, so their types are checked.
+        A tool such as rqt reads the parameters of all nodes, so its requests do not show that a node uses a
+        parameter. Only the requests of a tool for its own parameters count. Any program can send the values,
+        so their types are checked.
         """
         if not (isinstance(caller_id, str) and isinstance(key, str) and key):
             return
         name = resolve_name(key, caller_id)
-        is_own = name.startswith(f"{caller_id}/")
-        # nodes such as RViz, rqt and the simulator itself also read parameters that are not meant for them
-        is_tool = TOOLS.match(caller_id) or caller_id.startswith(READERS_OF_ALL)
-        if is_tool and not is_own:
+        is_own_parameter = name.startswith(f"{caller_id}/")
+        if is_tool(caller_id) and not is_own_parameter:
             return
         request = Request(caller_id, name)
         with self._requests_lock:

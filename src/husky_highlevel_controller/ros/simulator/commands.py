@@ -16,7 +16,7 @@ from husky_highlevel_controller.ros import conversions
 from husky_highlevel_controller.ros.node import publish
 from husky_highlevel_controller.ros.simulator.findings import Findings
 from husky_highlevel_controller.ros.simulator.lockstep import LeadLimit, Lockstep
-from husky_highlevel_controller.ros.simulator.wrong_topics import TOOLS
+from husky_highlevel_controller.ros.simulator.wrong_topics import is_tool
 from husky_highlevel_controller.simulator.command_habits import CommandHabits, Habit, habit_sentence
 from husky_highlevel_controller.simulator.twist_mux import TIMEOUT, CommandMux
 
@@ -227,4 +227,4 @@ class Commands:
 
 def may_stand(node: str) -> bool:
     """Return whether a node may stop the robot on purpose, so that its zero commands cause no warning."""
-    return bool(TOOLS.match(node)) or node.rsplit("/", 1)[-1] in OUR_NODES
+    return is_tool(node) or node.rsplit("/", 1)[-1] in OUR_NODES

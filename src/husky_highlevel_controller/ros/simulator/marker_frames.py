@@ -13,7 +13,7 @@ import rospy
 from visualization_msgs.msg import Marker, MarkerArray
 
 from husky_highlevel_controller.ros.master_graph import Graph
-from husky_highlevel_controller.ros.simulator.wrong_topics import TOOLS
+from husky_highlevel_controller.ros.simulator.wrong_topics import is_tool
 
 KINDS = {"visualization_msgs/Marker": Marker, "visualization_msgs/MarkerArray": MarkerArray}
 FRAME_TOPICS = ("/tf", "/tf_static")
@@ -48,7 +48,7 @@ class MarkerFrames:
         for topic, nodes in graph.publishers.items():
             kind = KINDS.get(graph.types.get(topic, ""))  # None if the topic has no markers
             # markers of tools (RViz, rqt, rosbag ...) and of the simulator itself are not checked
-            has_markers_of_nodes = kind is not None and any(not TOOLS.match(node) for node in nodes)
+            has_markers_of_nodes = kind is not None and any(not is_tool(node) for node in nodes)
             if has_markers_of_nodes and topic not in self._subscribers:
                 self._messages_left[topic] = MESSAGES
                 self._subscribers[topic] = rospy.Subscriber(topic, kind, partial(self._on_markers, topic))

@@ -24,13 +24,13 @@ from husky_highlevel_controller.ros.master_graph import (
 )
 from husky_highlevel_controller.spelling import likeness
 
-# nodes that are never reported: the user chooses the topics of a tool, and the simulator has many topics that
-# no other node needs
-TOOLS = re.compile(
-    r"(.*/)?(rqt|rviz|rosbag|rostopic|record_|play_|rosout|roslaunch|husky_simulator|husky_rviz|husky_web)"
+# beginnings of the names of tools of ROS, and of this package's simulator and its windows
+_TOOLS = re.compile(
+    r"(.*/)?(rqt|rviz|rosbag|rostopic|rosparam|rosservice|record_|play_|rosout|roslaunch|husky_simulator"
+    r"|husky_rviz|husky_web)"
 )
-# a name may be misspelt if it has at least this likeness (difflib's ratio) to another name, as cmd_val to
-# cmd_vel; cmd_vel_raw is not like cmd_vel
+# A name may be misspelt if its likeness (difflib's ratio) to another name is at least this. cmd_val is like
+# cmd_vel, but cmd_vel_raw is not.
 MIN_LIKENESS = 0.85
 
 
@@ -56,7 +56,7 @@ class WrongType(NamedTuple):
 
 
 class SecondPublisher(NamedTuple):
-    """Node that publishes a topic that the simulator publishes, so that its readers mix up two sources."""
+    """Node that publishes a topic of the simulator, so subscribers of the topic mix up two sources."""
 
     node: str
     topic: str
@@ -111,6 +111,15 @@ OTHER_ADVICE = "see docs/gazebo_launch_files.md"
 # to (False)
 KindsOf = Callable[[str, bool], Kinds]
 SHARED = {"/clock", "/diagnostics", "/rosout", "/tf", "/tf_static"}  # topics that may have several publishers
+
+
+def is_tool(node: str) -> bool:
+    """Return whether a node is a tool of ROS, the simulator, or one of its windows, by its name.
+
+    Nothing that such a node does is a mistake. A user chooses the topics, parameters and services of a tool,
+    and the simulator has many topics that no other node needs.
+    """
+    return bool(_TOOLS.match(node))
 
 
 def wrong_types(graph: Graph, simulator: str, kinds_of: KindsOf) -> List[WrongType]:
@@ -184,9 +193,7 @@ def absent_services(master_uri: str) -> List[AbsentService]:
     for row in read_absent_services(master_uri):
         node, service = str(row[0]), str(row[1])
         namespace, _, _ = service.rpartition("/")
-        # a person who calls `rosservice call` sees that the service is absent, so it need not be reported
-        is_tool = TOOLS.match(node) or node.startswith("/rosservice")
-        if namespace.endswith("/gazebo") and not is_tool:
+        if namespace.endswith("/gazebo") and not is_tool(node):
             found.append(AbsentService(node, service))
     return found
 
@@ -196,7 +203,7 @@ def wrong_topics(graph: Graph) -> List[WrongTopic]:
 
     A topic is probably misspelt if it has no subscriber, but a similar topic has a subscriber; or if it has
     no publisher, but a similar topic has a publisher. A similar topic has the same type and almost the same
-    name. Topics in the namespaces of other robots, and the topics of TOOLS, are not mistakes.
+    name. Topics in the namespaces of other robots, and the topics of tools, are not mistakes.
     """
     found = []
     for node, topic, publishes, other_side in _one_sided(graph):
@@ -212,7 +219,7 @@ def wrong_topics(graph: Graph) -> List[WrongTopic]:
 def _one_sided(graph: Graph) -> Iterator[Tuple[str, str, bool, Nodes]]:
     """Yield the nodes that publish a topic without subscribers, or subscribe to a topic without publishers.
 
-    The nodes of TOOLS are left out.
+    Tools are left out (`is_tool`).
 
     Yields:
         Node, topic, whether the node publishes, and the other side of the graph. The other side is the
@@ -223,7 +230,7 @@ def _one_sided(graph: Graph) -> Iterator[Tuple[str, str, bool, Nodes]]:
         for topic in sorted(nodes_by_topic):
             if not other_side.get(topic):
                 for node in sorted(nodes_by_topic[topic]):
-                    if not TOOLS.match(node):
+                    if not is_tool(node):
                         yield node, topic, publishes, other_side
 
 
