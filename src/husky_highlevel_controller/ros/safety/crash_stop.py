@@ -18,8 +18,8 @@ from husky_highlevel_controller.ros.transforms import lookup_pose
 
 BASE = "base_link"
 QUEUE = 1000  # length of the queues of odometry and IMU messages
-# [s] no crash is detected if the clocks of IMU and odometry differ by more than this, because braking would
-# look like a crash (see `_on_imu`)
+# [s] No crash is detected if the clocks of IMU and odometry differ by more than this. When the robot brakes,
+# the IMU and the wheels must show the change of speed at the same time. Otherwise it looks like a crash.
 CLOCK_TOLERANCE = 0.1
 LONG_DELAY = 0.6  # [s] a warning is logged if IMU samples wait longer than this for odometry
 

@@ -50,7 +50,7 @@ class Guard:
         config: ServiceConfig,
         robot: Robot,
         clock_tolerance: float,
-        on_odometry: Optional[Callable[[float, Twist2D], None]] = None,
+        on_velocity: Callable[[float, Twist2D], None] = lambda *_: None,
         queue_size: int = 1,
     ) -> None:
         """Subscribe to odometry, which gives the velocity of the robot.
@@ -59,12 +59,12 @@ class Guard:
             config: the service to call.
             robot: names of its topics; zero commands have priority over the controller's commands.
             clock_tolerance: largest offset between the clocks of a sensor and odometry that counts as 0 [s].
-            on_odometry: also called with stamp [s] and twist of every odometry message.
+            on_velocity: function that gets the stamp [s] and the velocity of each message of odometry.
             queue_size: number of odometry messages that wait; with 1, only the newest counts.
         """
         self._latch = Latch()  # memory of the last stop, so that each danger stops the controller only once
         self._odometry: Optional[Odometry] = None  # newest message of odometry; None before the first message
-        self._odometry_callback = on_odometry  # the method `on_odometry` calls it with each message
+        self._on_velocity = on_velocity  # gets the stamp [s] and the velocity of each message of odometry
         # measures the offset between the sensor's clock and odometry's clock
         self.clocks = ClockOffset(clock_tolerance)
         self._stop_service = rospy.resolve_name(config.start_stop_service_name)
@@ -96,12 +96,12 @@ class Guard:
         self._sensor = rospy.Subscriber(topic, kind, receive, queue_size=queue_size, tcp_nodelay=True)
 
     def on_odometry(self, msg: Odometry) -> None:
-        """Keep the robot's measured velocity, and the stamp for the comparison of clocks."""
+        """Keep a message of odometry, and pass the velocity of the robot on; rospy calls this."""
+        stamp = msg.header.stamp.to_sec()
         self._odometry = msg
         # `time_of` compares the stamps of the sensor with the stamps of odometry
-        self.clocks.add_reference(msg.header.stamp.to_sec())
-        if self._odometry_callback is not None:
-            self._odometry_callback(msg.header.stamp.to_sec(), conversions.twist_from_msg(msg.twist.twist))
+        self.clocks.add_reference(stamp)
+        self._on_velocity(stamp, conversions.twist_from_msg(msg.twist.twist))
 
     def time_of(self, stamp: float, who: str, effect: str) -> float:
         """Return the time of a sensor's message by odometry's clock [s].
