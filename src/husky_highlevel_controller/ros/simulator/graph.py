@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import threading
 import time
-from typing import Callable, Dict, FrozenSet, Iterator, Optional, Sequence, Set, Tuple
+from typing import Callable, Dict, FrozenSet, Iterator, NamedTuple, Optional, Sequence, Set
 
 import rosgraph
 import rospy
@@ -29,7 +29,7 @@ from husky_highlevel_controller.ros.simulator.wrong_topics import (
 )
 from husky_highlevel_controller.xml_rpc import ask
 
-# nodes that never drive the robot; roslaunch itself, simulator.launch or a launch file in compat/ starts them
+# nodes that never drive the robot; every roslaunch, simulator.launch or a launch file in compat/ starts them
 OWN_NODES = {
     "master", "rosout", "husky_simulator", "robot_state_publisher", "rviz", "husky_rviz", "husky_web",
     "arrival_exit", "spawn_husky", "gazebo_gui",
@@ -41,7 +41,7 @@ JOINING_TIME = 5.0
 
 
 class Partners:
-    """Nodes that must be connected before simulated time begins: a controller, and all other subscribers."""
+    """Nodes that must be connected before simulated time begins: a controller, and all subscribers."""
 
     def __init__(
         self,
@@ -125,7 +125,7 @@ class SecondFilter:
     """
 
     def __init__(self, filter_topic: str, leave_filter_to: Callable[[str], None]) -> None:
-        """Set up; `leave_filter_to` stops the simulator's estimate, and gets the name of the other node."""
+        """Set up; `leave_filter_to` gets the name of the node that estimates the pose from then on."""
         self._filter_topic, self._leave_filter_to = filter_topic, leave_filter_to
         self._seen_publishers = {rospy.get_name()}
         # name of another node that publishes the filtered odometry; empty if there is none
@@ -148,6 +148,14 @@ class SecondFilter:
                 self._leave_filter_to(node)
 
 
+class _TopicList(NamedTuple):
+    """Topics that a node publishes, or topics to which it subscribes."""
+
+    node: str
+    publishes: bool  # true if the node publishes the topics, false if it subscribes to them
+    topics: FrozenSet[str]
+
+
 class GraphWatch:
     """Looks for mistakes of other nodes in the ROS graph, in a thread of its own, until the process ends."""
 
@@ -159,7 +167,7 @@ class GraphWatch:
         markers: Optional[MarkerFrames] = None,
         findings: Optional[Findings] = None,
     ) -> None:
-        """Set up; all arguments are called in the thread of the watch.
+        """Set up; the watch uses its arguments only in its own thread.
 
         Args:
             simulated_time: returns the simulated time [s].
@@ -175,9 +183,9 @@ class GraphWatch:
         # this node, and the nodes whose messages on /clock have already caused a warning
         self._clock_nodes = {rospy.get_name()}
         self._clock_subscriber: Optional[rospy.Subscriber] = None  # made when a second node advertises /clock
-        # types of the topics that a node publishes (True) or subscribes to (False); a node that changes its
-        # set of topics gets a new key, so it is asked again
-        self._kinds_of_nodes: Dict[Tuple[str, bool, FrozenSet[str]], Kinds] = {}
+        # types of the topics in each list for which a node was asked; a node is asked only once for a list,
+        # because a question to each node at each look would cost time
+        self._kinds_of_lists: Dict[_TopicList, Kinds] = {}
         # [s] simulated time at which each mistake was first seen
         self._first_seen_at: Dict[Mistake, float] = {}
         self._warned_mistakes: Set[Mistake] = set()  # mistakes that were reported; each is reported only once
@@ -245,17 +253,13 @@ class GraphWatch:
         simulator = rospy.get_name()
 
         def kinds_of(node: str, publishes: bool) -> Kinds:
-            """Return the types of the topics that a node publishes, or of those to which it subscribes.
-
-            The node is asked only if its list of topics has changed, because a question to each node at each
-            look would cost time.
-            """
+            """Return the types of the topics that a node publishes, or of those to which it subscribes."""
             nodes_by_topic = graph.publishers if publishes else graph.subscribers
             topics = frozenset(topic for topic, nodes in nodes_by_topic.items() if node in nodes)
-            key = node, publishes, topics
-            if key not in self._kinds_of_nodes:
-                self._kinds_of_nodes[key] = read_kinds(self._master_uri, node, publishes)
-            return self._kinds_of_nodes[key]
+            topic_list = _TopicList(node, publishes, topics)
+            if topic_list not in self._kinds_of_lists:
+                self._kinds_of_lists[topic_list] = read_kinds(self._master_uri, node, publishes)
+            return self._kinds_of_lists[topic_list]
 
         yield from wrong_topics(graph)
         yield from unread_parameters(self._master_uri)
