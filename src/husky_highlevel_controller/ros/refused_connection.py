@@ -10,23 +10,22 @@ from __future__ import annotations
 import ast
 import re
 
-BEGIN = "Could not process inbound connection: "  # rospy's words before the reason and the header
-# finds BEGIN and two groups: `reason`, and then `header`, which is a dictionary such as {'topic': '/scan'}
-_LINE = re.compile(rf"{BEGIN}(?P<reason>[^{{]*)(?P<header>\{{'.*'\}})")
+# rospy's words on a refused connection: fixed words, the reason, and the header as a dictionary of Python
+_WORDS = re.compile(r"Could not process inbound connection: (?P<reason>[^{]*)(?P<header>\{'.*'\})")
 
 
 def shorten(line: str) -> str:
-    """Return a line with the node and the topic in place of the header; every other line as it is.
+    """Return a line of the log; rospy's words on a refused connection are replaced by one sentence.
 
-    rospy's line begins with fixed words (BEGIN), then has the reason, then the header as a Python dictionary.
+    rospy writes `Could not process inbound connection: REASON{'topic': '/scan', 'callerid': '/walker', ...}`.
+    The sentence is `/walker cannot connect to /scan: REASON`.
     """
-    found = _LINE.search(line)
-    if found is None:
+    words = _WORDS.search(line)
+    if words is None:
         return line
     try:
-        # `callerid` is the name of the node that cannot connect, and `topic` is the topic of the connection
-        header = ast.literal_eval(found["header"])
-        sentence = f"{header['callerid']} cannot connect to {header['topic']}: {found['reason']}"
+        header = ast.literal_eval(words["header"])
+        sentence = f"{header['callerid']} cannot connect to {header['topic']}: {words['reason']}"
     except (ValueError, SyntaxError, KeyError, TypeError, MemoryError, RecursionError):
         return line
-    return line[: found.start()] + sentence + line[found.end() :]
+    return line[: words.start()] + sentence + line[words.end() :]

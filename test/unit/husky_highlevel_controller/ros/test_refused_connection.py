@@ -2,8 +2,9 @@
 
 import pytest
 
-from husky_highlevel_controller.ros.refused_connection import BEGIN, shorten
+from husky_highlevel_controller.ros.refused_connection import shorten
 
+BEGIN = "Could not process inbound connection: "  # rospy's words
 REASON = "topic types do not match: [geometry_msgs/Twist] vs. [geometry_msgs/TwistStamped]"
 HEADER = {
     "callerid": "/husky_simulator",
