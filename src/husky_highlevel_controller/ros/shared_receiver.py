@@ -25,7 +25,7 @@ from rospy.impl.tcpros_base import TCPROSTransport, recv_buff
 
 SHUTDOWN_POLL_PERIOD = 1.0  # [s] wall time between two checks whether the node is shutting down
 
-# function of rospy that gets the messages that came on a connection, and the connection
+# function of rospy; its arguments are the new messages of a connection, and this connection
 MessagesCallback = Callable[[List[Any], TCPROSTransport], None]
 
 
@@ -70,19 +70,23 @@ class SharedReceiver:
         while not rospy.core.is_shutdown():
             # each descriptor is the file descriptor of a socket on which data have come
             for descriptor, _ in self._epoll.poll(SHUTDOWN_POLL_PERIOD):
-                entry = self._connections[descriptor]
-                connection, callback = entry
+                connection, callback = self._connections[descriptor]
                 try:
                     _receive(connection, callback)
                 except Exception as error:
-                    with self._lock:
-                        # If another thread has closed the socket meanwhile, a new connection may have got the
-                        # same descriptor, and must stay registered. The old entry itself may stay, because a
-                        # new connection replaces it.
-                        if self._connections[descriptor] is entry:
-                            with contextlib.suppress(OSError):  # a closed socket is no longer registered
-                                self._epoll.unregister(descriptor)
+                    self._remove(descriptor, connection)
                     _give_back(connection, callback, error)
+
+    def _remove(self, descriptor: int, connection: TCPROSTransport) -> None:
+        """Remove a connection, unless a new connection already has its descriptor.
+
+        This is so if another thread has closed the socket. Then a new socket may get the same descriptor.
+        """
+        with self._lock:
+            if self._connections[descriptor][0] is connection:
+                del self._connections[descriptor]
+                with contextlib.suppress(OSError):  # a closed socket is no longer registered
+                    self._epoll.unregister(descriptor)
 
 
 def _receive(connection: TCPROSTransport, callback: MessagesCallback) -> None:
@@ -144,6 +148,6 @@ _RECEIVE_LOOP = TCPROSTransport.receive_loop  # rospy's own method, before it is
 def receive_in_one_thread() -> None:
     """Let one thread receive all topics of this process; call it before the first subscriber is made."""
     receiver = SharedReceiver()
-    # Python passes the connection as the first argument only to a plain function. The method
-    # `receiver.receive_loop` would not get the connection, because this method belongs to `receiver`.
+    # A lambda in a class becomes a method, so it gets the connection as its first argument. The method
+    # `receiver.receive_loop` would get only the callback.
     TCPROSTransport.receive_loop = lambda connection, callback: receiver.receive_loop(connection, callback)
