@@ -12,7 +12,7 @@ import sys
 import traceback
 from dataclasses import replace
 from pathlib import Path
-from typing import List, Optional, Sequence, Tuple
+from typing import List, NamedTuple, Optional, Sequence, Tuple
 
 from husky_grading.drive.observe import observe
 from husky_grading.drive.trials import draw_trials
@@ -34,6 +34,7 @@ from husky_grading.reports.files import (
     write_pictures,
     write_result,
 )
+from husky_grading.settings import PointsError
 from husky_grading.submission import WORKSPACE, Submission
 from husky_highlevel_controller.config import load
 from husky_highlevel_controller.datatypes import HuskyError
@@ -43,57 +44,71 @@ from husky_highlevel_controller.datatypes import HuskyError
 LIMITS = {resource.RLIMIT_DATA: 2_000_000_000, resource.RLIMIT_NOFILE: 1024}
 
 
+class _Outcome(NamedTuple):
+    """Result of a submission, and what the next `grade` may keep of it."""
+
+    result: MarkingResult
+    # hash of everything that the runs depend on; empty if the next `grade` must mark the submission again
+    fingerprint: str
+
+
 def mark(job: Job) -> MarkingResult:
     """Mark a submission, write its files into the job's folder, and return its result, also after any error.
 
     The fingerprint in the folder decides what the next `grade` does. If it has the same fingerprint, it keeps
-    the runs, and only judges them again if rules or points by hand have changed. So the fingerprint is
-    written after a success, after an error in the teacher's points, and if the submission itself cannot be
-    marked. It is not written after a fault of this machine, such as a full disk, or of this program. The next
-    `grade` then marks the submission again.
+    the runs, and only judges them again if rules or points by hand have changed. After a fault of this
+    machine, such as a full disk, or of this program, no fingerprint is written. The next `grade` then marks
+    the submission again.
 
     Raises:
         StoppedError: marking was interrupted.
     """
     out = Path(job.out)
-    problem = ""  # sentence that says why the submission could not be marked; empty if it was marked
-    # hash of everything that the runs depend on; empty if the next `grade` must mark the submission again
-    fingerprint = ""
     try:
         out.mkdir(parents=True, exist_ok=True)
         for name in (FINGERPRINT, RESULT, *PICTURES):
             remove_tree(out / name)
-        submission, recordings = _prepare_and_observe(job)
-        # the runs are complete, so they are kept, even if `judge` finds an error in the teacher's points
-        fingerprint = _fingerprint_of_runs(job, submission, recordings)
-        result = _judge_and_draw(submission, recordings, job)
+        outcome = _run_and_judge(job)
     except StoppedError:
         raise
-    except NotMarkableError as error:  # a fault that marking again would not repair, such as a broken archive
-        problem, fingerprint = _text_of(error), job.fingerprint
-    except HuskyError as error:
-        # A fault of this machine ends the program before or during the runs, so `fingerprint` is still empty.
-        # An error in the teacher's points comes from `judge`, so `fingerprint` is already set. Both values
-        # are right, and stay.
-        problem = _text_of(error)
-    except OSError as error:  # a fault of this machine, also while the pictures are written
+    except NotMarkableError as error:
+        # marking again would not help, because the fault is in the submission, such as a broken archive
+        outcome = _failure(job, _text_of(error), fingerprint=job.fingerprint)
+    except HuskyError as error:  # a fault of this machine
+        outcome = _failure(job, _text_of(error), fingerprint="")
+    except OSError as error:  # a fault of this machine
         problem = error.strerror or _text_of(error)
         if error.filename:
             problem += f": {error.filename}"
-        fingerprint = ""
+        outcome = _failure(job, problem, fingerprint="")
     except Exception as error:  # a fault in our own program
-        problem, fingerprint = failure_text(error), ""
         traceback.print_exc()
-    if problem:
-        # The terminal shows the teacher the full text. `unmarked` removes the paths of this machine, because
-        # the student reads the result.
-        print(printable(problem), file=sys.stderr)
-        result = unmarked(job, problem)
-    write_result(result, out, job.packages)
-    if fingerprint:
+        outcome = _failure(job, failure_text(error), fingerprint="")
+    write_result(outcome.result, out, job.packages)
+    if outcome.fingerprint:
         # the fingerprint is written last, because this file means that all other files are complete
-        write_whole(out / FINGERPRINT, fingerprint)
-    return result
+        write_whole(out / FINGERPRINT, outcome.fingerprint)
+    return outcome.result
+
+
+def _run_and_judge(job: Job) -> _Outcome:
+    """Let the submission of a job drive, judge its runs, and return the outcome."""
+    submission, recordings = _prepare_and_observe(job)
+    fingerprint = _fingerprint_of_runs(job, submission, recordings)
+    try:
+        return _Outcome(_judge_and_draw(submission, recordings, job), fingerprint)
+    except PointsError as error:  # the teacher must correct the points by hand, but the runs are complete
+        return _failure(job, _text_of(error), fingerprint=fingerprint)
+
+
+def _failure(job: Job, problem: str, fingerprint: str) -> _Outcome:
+    """Print why a submission could not be marked, and return the outcome without points.
+
+    The terminal shows the teacher the full text. `unmarked` removes the paths of this machine, because the
+    student reads the result.
+    """
+    print(printable(problem), file=sys.stderr)
+    return _Outcome(unmarked(job, problem), fingerprint)
 
 
 def _prepare_and_observe(job: Job) -> Tuple[Submission, List[Recording]]:
@@ -108,9 +123,9 @@ def _prepare_and_observe(job: Job) -> Tuple[Submission, List[Recording]]:
 
 
 def _fingerprint_of_runs(job: Job, submission: Submission, recordings: Sequence[Recording]) -> str:
-    """Return the hash of everything that the runs of a job depend on.
+    """Return `job.fingerprint`; if packages are missing, with the hash of the packages on this machine.
 
-    If packages are missing, the runs also depend on the packages that are installed on this machine.
+    So the next `grade` marks the submission again if one of its missing packages may be installed by then.
     """
     notes = [*submission.notes, *(note for each in recordings for note in each.notes)]
     misses_packages = bool(MISSES_PACKAGES & {note.kind for note in notes})
@@ -118,7 +133,11 @@ def _fingerprint_of_runs(job: Job, submission: Submission, recordings: Sequence[
 
 
 def _judge_and_draw(submission: Submission, recordings: Sequence[Recording], job: Job) -> MarkingResult:
-    """Return the result, and write the pictures of the runs, also if `judge` rejects the teacher's points."""
+    """Return the result, and write the pictures of the runs, also if `judge` rejects the teacher's points.
+
+    Raises:
+        PointsError: the points by hand do not fit the rubric.
+    """
     cause = None  # first item that lost points; one picture shows the moment of this loss
     try:
         result = judge(submission, recordings, job)

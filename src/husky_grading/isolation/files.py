@@ -212,5 +212,5 @@ def walk(folder: Path, skipped: frozenset = SKIPPED) -> Iterator[Path]:
 
 
 def remove_tree(folder: Path) -> None:
-    """Remove a folder of any depth, if it exists; links are not followed."""
+    """Remove a folder of any depth, or a file, if it exists; links are not followed."""
     subprocess.run(["rm", "-rf", "--", str(folder)], check=False, capture_output=True)
