@@ -8,7 +8,7 @@ import time
 import xmlrpc.client
 from contextlib import suppress
 from http.client import HTTPException
-from typing import Any, Collection, Dict, List, Optional, Set, Tuple
+from typing import Any, Collection, Dict, Optional, Set, Tuple
 from xml.parsers.expat import ExpatError
 
 import rosgraph
@@ -44,17 +44,29 @@ MAX_DESCRIPTION = 2_000_000
 _LINK = re.compile(r"<link\s{1,20}name\s{0,5}=\s{0,5}[\"']([^\"'<]{1,200})[\"']")
 
 
+class _Call:
+    """Call of a service, which a thread makes."""
+
+    def __init__(self) -> None:
+        self.answer: Optional[Answer] = None  # None until the answer or an error comes
+        self.give_up_at = time.monotonic() + ANSWER_DEADLINE  # [s] then the call counts as not answered
+
+
 class DriveAccess:
     """Access of an exercise's watch to the ROS network of a run; it fulfils `watch.RosAccess` by rospy."""
 
     def __init__(self, our_nodes: Set[str], transforms: MarkerWatch) -> None:
-        self._our_nodes = our_nodes
-        self._transforms = transforms  # the watch of markers also keeps all transforms
+        """Prepare the access.
+
+        Args:
+            our_nodes: names of the grader's nodes; their calls and parameters are not the submission's.
+            transforms: the watch of markers, which also keeps all transforms.
+        """
+        self._our_nodes, self._transforms = our_nodes, transforms
         self._velocity: Optional[rospy.Publisher] = None  # made by `advertise_commands`
-        self._asked: Set[str] = set()  # services whose types were requested
-        self._types: List[Tuple[str, str]] = []  # (service, type); several threads append to this list
-        self._answers: List[Answer] = []  # answer to the last call; empty until it comes
-        self._give_up_at = 0.0  # [s] wall time at which the last call counts as not answered
+        self._requested_types: Set[str] = set()  # services whose types were requested
+        self._known_types: Dict[str, str] = {}  # types by service; the threads of `_ask_type` add them
+        self._last_call: Optional[_Call] = None
 
     def advertise_commands(self) -> None:
         """Advertise velocity commands; lockstep then waits for the commands of this node."""
@@ -70,10 +82,10 @@ class DriveAccess:
         for name in names:
             if name.endswith(EVERY_NODES_SERVICES):  # services of ROS itself
                 continue
-            if name not in self._asked and len(self._asked) < MAX_SERVICES:
-                self._asked.add(name)
+            if name not in self._requested_types and len(self._requested_types) < MAX_SERVICES:
+                self._requested_types.add(name)
                 threading.Thread(target=self._ask_type, args=(name,), daemon=True).start()
-        return dict(tuple(self._types))  # a copy first, because threads may append
+        return self._known_types.copy()  # a copy, because threads may add further types
 
     def _ask_type(self, name: str) -> None:
         """Ask the node that offers a service for its type, and keep the type; a thread runs this."""
@@ -82,34 +94,35 @@ class DriveAccess:
         except Exception:
             # The submission answers this request, so any error is possible. The type is requested again
             # later.
-            self._asked.discard(name)
+            self._requested_types.discard(name)
         else:
             if kind:  # None if the service has gone
-                self._types.append((name, kind))
+                self._known_types[name] = kind
 
     def call(self, name: str, value: bool) -> None:
         """Call a service of type std_srvs/SetBool; `answer` returns its answer later."""
-        # each call has a list of its own, so a late answer to an earlier call never comes into this list
-        self._answers = answers = []
-        self._give_up_at = time.monotonic() + ANSWER_DEADLINE
+        call = self._last_call = _Call()
 
         def ask() -> None:
             """Call the service, and keep its answer or error, in a thread, because a call may take long."""
             try:
                 response = rospy.ServiceProxy(name, SetBool)(value)
-                answers.append(Answer(bool(response.success), str(response.message)))
+                call.answer = Answer(bool(response.success), str(response.message))
             except Exception as error:
                 # The submission answers this call, so any error is possible. The error becomes the answer,
                 # because the run waits for an answer.
-                answers.append(Answer(False, str(error) or type(error).__name__, is_error=True))
+                call.answer = Answer(False, str(error) or type(error).__name__, is_error=True)
 
         threading.Thread(target=ask, daemon=True).start()
 
     def answer(self) -> Optional[Answer]:
         """Return the answer to the last call; None if it has not come yet."""
-        if self._answers:
-            return self._answers[0]
-        if time.monotonic() < self._give_up_at:
+        call = self._last_call
+        if call is None:
+            return None
+        if call.answer is not None:
+            return call.answer
+        if time.monotonic() < call.give_up_at:
             return None
         return Answer(False, f"no answer within {ANSWER_DEADLINE:g} s", is_error=True)
 
