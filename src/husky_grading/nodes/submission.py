@@ -269,7 +269,9 @@ def load_launchable(
     """
     loader = TolerantLoader(reporter, ours.files)
     config = read_launchable(launchable, reporter, loader)
-    nodes = sort_nodes(config.nodes, reporter, ours)
+    # RViz is not started, but its configuration file is graded
+    nodes = sort_nodes([node for node in config.nodes if node.package != "rviz"], reporter, ours)
+    rviz = graded_rviz([node for node in config.nodes if node.package == "rviz"], ours)
     config.nodes = nodes.to_start
     # when a node ends, `reporter` writes an event with the package of the node
     reporter.packages = {node.name: node.package for node in nodes.to_start}
@@ -282,7 +284,7 @@ def load_launchable(
         "nodes": [f"{node.package}/{node.type}" for node in nodes.to_start],
         "left_out": sorted(set(nodes.left_out)),
         "left_out_arguments": nodes.left_out_arguments,
-        "rviz": nodes.rviz,
+        "rviz": rviz,
         "uses": sorted({*loader.uses, *(node.package for node in nodes.to_start)}),
         "digest": digest_of(config),  # two launch files with the same hash start the same programs
         "pillar": loader.names_pillar_world,
@@ -318,10 +320,9 @@ def read_launchable(
 
 
 class SortedNodes(NamedTuple):
-    """Nodes of a launch file by their use."""
+    """Nodes of a launch file by their use, without RViz."""
 
     to_start: List[Any]  # nodes of the submission, which will be started
-    rviz: List[Dict[str, Any]]  # name, arguments and remaps of each RViz node; RViz is not started
     # package/type of each node that is not started, because it does not belong to the submission
     left_out: List[str]
     # package/type and arguments of each node that `grade` starts in place of the submission, or that needs a
@@ -329,7 +330,7 @@ class SortedNodes(NamedTuple):
     left_out_arguments: List[List[str]]
 
 
-def is_left_to_marking(node: Any, ours: OwnNames) -> bool:
+def is_started_by_marking_or_user(node: Any, ours: OwnNames) -> bool:
     """Return whether a node is left out because marking starts it itself, or because it needs a user."""
     # some packages of SIMULATION are the student's work in one exercise, so their nodes are not left out
     left_out = SIMULATION - set(ours.by_submission)
@@ -343,32 +344,23 @@ def is_left_to_marking(node: Any, ours: OwnNames) -> bool:
 
 
 def sort_nodes(nodes: List[Any], reporter: Reporter, ours: OwnNames) -> SortedNodes:
-    """Sort the nodes of a launch file into the submission's nodes, RViz, and nodes that are not started.
+    """Sort the nodes of a launch file into the submission's nodes, and nodes that are not started.
 
     The event "own" is written for each node of the grading package. The submission's nodes are changed: they
     will print into the output of this program, and run without a terminal or debugger.
 
     Args:
-        nodes: nodes of the launch file, as roslaunch gives them.
+        nodes: nodes of the launch file, as roslaunch gives them, without RViz.
         reporter: gets the events.
         ours: names and paths of our package.
     """
-    # true if the submission starts an RViz that does not come from our launch files
-    has_own_rviz = any(node.package == "rviz" and node.name not in ours.rviz for node in nodes)
-    result = SortedNodes(to_start=[], rviz=[], left_out=[], left_out_arguments=[])
+    result = SortedNodes(to_start=[], left_out=[], left_out_arguments=[])
     for node in nodes:
         program = f"{node.package}/{node.type}"
-        if node.package == "rviz":
-            # RViz is never started, but its arguments name a configuration file, which is graded. The RViz of
-            # our launch files does not count if the submission has an RViz of its own.
-            if node.name not in ours.rviz or not has_own_rviz:
-                remaps = [list(remap) for remap in node.remap_args]
-                result.rviz.append({"name": node.name, "args": node.args, "remap": remaps})
-        elif is_left_to_marking(node, ours):
+        if is_started_by_marking_or_user(node, ours):
             result.left_out.append(program)
             result.left_out_arguments.append([program, node.args or ""])
-        # a program of the grading package is not part of any submission; `grade` reports it to the student
-        elif is_own(node, ours.places):
+        elif is_our_program(node, ours.places):  # no submission may use it, so the student gets a note
             result.left_out.append(program)
             reporter.write("own", node=program)
         else:
@@ -378,6 +370,18 @@ def sort_nodes(nodes: List[Any], reporter: Reporter, ours: OwnNames) -> SortedNo
     return result
 
 
+def graded_rviz(rviz_nodes: List[Any], ours: OwnNames) -> List[Dict[str, Any]]:
+    """Return name, arguments and remaps of the RViz nodes whose configuration files are graded.
+
+    The arguments name the file. RViz nodes of our launch files are returned only if there are no others.
+    """
+    nodes_of_submission = [node for node in rviz_nodes if node.name not in ours.rviz]
+    return [
+        {"name": node.name, "args": node.args, "remap": [list(remap) for remap in node.remap_args]}
+        for node in nodes_of_submission or rviz_nodes
+    ]
+
+
 def digest_of(config: roslaunch.config.ROSLaunchConfig) -> str:
     """Return a hash of nodes and parameters; two launch files with the same hash start the same programs."""
     nodes = [(node.package, node.type, node.namespace, node.args, node.remap_args) for node in config.nodes]
@@ -385,7 +389,7 @@ def digest_of(config: roslaunch.config.ROSLaunchConfig) -> str:
     return hashlib.sha256(repr((sorted(map(repr, nodes)), parameters)).encode()).hexdigest()
 
 
-def is_own(node: Any, places: List[str]) -> bool:
+def is_our_program(node: Any, places: List[str]) -> bool:
     """Return whether a node belongs to the grading package, and not to a submitted package of the same name.
 
     Args:
