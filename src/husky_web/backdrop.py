@@ -16,10 +16,10 @@ import viser
 from husky_highlevel_controller.datatypes import Pose, Vector3
 from husky_web.viser_private import place, show_in_page
 
-SIDES = 48  # number of straight sides with which the round rim of the ground and the sky's dome are drawn
+SIDES = 48  # number of straight sides of each circle of the ground and of the sky
 RADIUS = 400.0  # [m] distance from the robot to the horizon
-# From the distance NEAR_HAZE [m] to the horizon, the ground is hazy. At NEAR_HAZE, NEAR_HAZE_SHARE of its
-# colour is the haze's colour, and at the horizon all of it.
+# Haze covers the ground more and more with the distance. The share of the haze's colour in the colour of the
+# ground is NEAR_HAZE_SHARE at the distance NEAR_HAZE [m], and 1 at the horizon.
 NEAR_HAZE, NEAR_HAZE_SHARE = 120.0, 0.75
 # [m] up to CHECKER from the robot, the ground has a checker pattern; it has a line every SECTION, and LINE is
 # half the width of a line
@@ -31,8 +31,8 @@ CONTRAST = 0.09
 # pattern looks the same after each step.
 PATTERN_LENGTH = 2 * SECTION
 SHADOW_HEIGHT = 0.004  # [m] height of the shadow above the ground
-# shadow of the robot or an object: width beyond its outline [m], side of the shadow's picture [px], largest
-# opacity (0 to 1)
+# shadow of the robot or an object: distance [m] from the outline of the robot or object to the edge of the
+# shadow, side of the shadow's picture [px], largest opacity (0 to 1)
 SHADOW_BLUR, SHADOW_PIXELS, SHADOW_OPACITY = 0.22, 96, 0.55
 UNLIT = "KHR_materials_unlit"
 # linear red, green and blue; they may exceed 1, because the browser's tone mapping reduces them to colours of

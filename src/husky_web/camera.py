@@ -27,8 +27,8 @@ TURN_SHARE = 0.08  # fraction of the heading error that the camera corrects in e
 # [m], [rad] if the camera would move less than STILL and turn less than STILL_ANGLE, no message is sent to
 # the page
 STILL, STILL_ANGLE = 0.002, 0.001
-# if the page reports a position that is nearer than SAME [m] to one of the last SENT positions that were sent
-# to the page, the mouse has not moved the camera
+# The last SENT positions that this node has sent to the page are kept. If the page reports a position that is
+# nearer than SAME [m] to one of them, the mouse has not moved the camera.
 SENT, SAME = 100, 0.01
 
 

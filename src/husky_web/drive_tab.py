@@ -60,8 +60,8 @@ SERVICES = {
 # [s] for this wall time after a request to start or stop the controller, a status that contradicts the
 # request is ignored, because the status is older than the request
 STALE_STATUS = 1.0
-# [s] a light without a message for this time is stale; nodes send one each second, and rqt_robot_monitor
-# waits as long
+# [s] a light is stale if its node has sent no diagnostic for this time; nodes send a diagnostic each second,
+# and rqt_robot_monitor also waits 5 s
 STALE_LIGHT = 5.0
 STALE_LEVEL = 3  # level STALE of a DiagnosticStatus
 # largest number of diagnostics that are shown; largest number of characters of a name or a message
@@ -74,8 +74,8 @@ class Light(NamedTuple):
     level: int  # level of a DiagnosticStatus, such as 0 for OK
     message: str
     heard_at: float  # [s] wall time at which it came
-    # [s] simulated time at which its node became silent: when the diagnostic came, or the first known time
-    # after that; None while simulated time is unknown
+    # [s] simulated time at which the diagnostic came. If simulated time was unknown then, or has begun again
+    # since then, this is the first known time after that; None until a time is known.
     silent_since: Optional[float]
 
 

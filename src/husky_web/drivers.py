@@ -15,7 +15,7 @@ from husky_web.topics import INPUTS, Received
 # driving by hand repeat their commands in wall-clock time
 MIN_WALL_TIME = 0.25
 MAX_SENDERS = 100  # largest number of senders whose last command is kept
-# numbers of process and time, with which the name of an anonymous node ends
+# end of the name of an anonymous node: the number of its process, and the time of its start
 _ANONYMOUS = re.compile(r"_\d+_\d{10,}$")
 
 

@@ -37,10 +37,10 @@ class Line(NamedTuple):
     text: str
 
 
-class Counted(NamedTuple):
-    """Row of the log that is shown."""
+class LogRow(NamedTuple):
+    """Row of the log in the page: a group of lines that differ only in their numbers."""
 
-    line: Line  # newest line of a group of lines that differ only in their numbers
+    line: Line  # newest line of the group
     times: int  # number of lines in the group
 
 
@@ -96,7 +96,7 @@ class LogBuffer:
         self._lines.extendleft(reversed(earlier))
         self.count += len(earlier)  # a page shows the log again if this number has changed
 
-    def select(self, condition: Filter) -> List[Counted]:
+    def select(self, condition: Filter) -> List[LogRow]:
         """Return the newest lines that pass, newest first, as many as a page can show.
 
         Lines of a node that differ only in their numbers are one row with the newest line, unless a text is
@@ -113,8 +113,8 @@ class LogBuffer:
                 key = number if condition.text else without_numbers
                 newest_lines.setdefault(key, line)
                 counts[key] += 1
-        rows = [Counted(line, counts[key]) for key, line in newest_lines.items()]
-        shown: List[Counted] = []
+        rows = [LogRow(line, counts[key]) for key, line in newest_lines.items()]
+        shown: List[LogRow] = []
         letters = 0
         for row in rows[:SHOWN]:
             letters += len(row.line.text)
@@ -143,7 +143,7 @@ def _cut(text: str) -> str:
     return text if len(text) <= MAX_LETTERS else f"{text[:MAX_LETTERS]} ..."
 
 
-def log_to_html(rows: Iterable[Counted]) -> str:
+def log_to_html(rows: Iterable[LogRow]) -> str:
     """Return rows as HTML; texts of nodes are escaped."""
     names = {number: name for name, number in LEVELS.items()}
     divisions = []

@@ -26,7 +26,7 @@ MAX_COLORS = 64
 # largest number of points of one marker, and largest cost of all markers, so that the browser is fast enough
 # for the page's emergency stop; a cost of 1 is the time to draw one point of a point cloud
 MAX_POINTS, MAX_COST = 100_000, 300_000
-# cost of a copy in a list, smallest cost of any other marker, and cost of a text
+# cost of each copy in a list; smallest cost of a solid, and also of lines and points; cost of a text
 COPY_COST, SOLID_COST, TEXT_COST = 30, 150, 600
 MAX_LETTERS = 500  # largest number of characters of a text
 # length of an arrow's head as a fraction of the arrow's length, if the marker does not give the length of the

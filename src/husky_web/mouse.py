@@ -19,8 +19,9 @@ if TYPE_CHECKING:
 
 # [m] a clicked point farther away than this is ignored, because a click just below the horizon is not exact
 FARTHEST = 200.0
-# if the mouse's ray falls with a larger slope than this, a dragged object moves in the level plane through
-# the clicked point; with a flatter ray, the object would jump too far, so its plane is upright
+# Slope of the mouse's ray, as height per distance. If the ray is steeper than this, a dragged object moves in
+# a level plane. If the ray is flatter, the object would jump too far in a level plane, so it moves in an
+# upright plane.
 STEEP = 0.05
 
 

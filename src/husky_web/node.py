@@ -312,7 +312,7 @@ class WebNode:
         return master, [(name, kind) for name, kind in published]
 
     def _ask(self, method: str, *arguments: Any) -> Any:
-        """Call a method of the master, and return its value, or None if it fails in a short time."""
+        """Call a method of the master; return its value, or None if it fails or takes MASTER_DEADLINE."""
         uri, name = rosgraph.get_master_uri(), rospy.get_name()
         return ask(uri, method, name, *arguments, deadline=MASTER_DEADLINE)
 

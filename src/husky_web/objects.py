@@ -28,8 +28,8 @@ from husky_web.topics import Received
 from husky_web.viser_private import place
 
 Key = Tuple[str, str]  # topic of the interactive marker's server, and name of the marker
-# [m] a part of an object that is wider than this counts as ground and is not drawn, because the page draws
-# its own ground
+# [m] if a part of an object is wider than this, the part counts as ground, and is not drawn, because the page
+# draws its own ground
 WIDEST = 50.0
 CONTROL = "body"  # name of the control in the simulator's interactive markers
 MOVABLE = (

@@ -84,7 +84,8 @@ def serve(host: str, port: int, on_message: OnMessage, on_leave: OnLeave) -> Tup
         HuskyError: the address is not an address of this machine, or no port is free.
     """
     if _is_loopback(host):
-        # only browsers of this machine can come, so no token is needed; they may use only these names of it
+        # Only this machine can connect, so no token is needed. But another site may let its own host name
+        # point to this machine (DNS rebinding), so a request may use only these names.
         hosts, token = (*LOOPBACK, host.lower()), None
     else:
         # other machines may use any name of this machine, but each of them needs the token
@@ -235,7 +236,7 @@ def page() -> bytes:
     html = page_html().replace("<title>Viser</title>", "<title>Husky</title>")
     additions = [f"<script>{(folder / name).read_text()}</script>" for name in ("viser_client.js", "page.js")]
     additions += [f"<style>{(folder / name).read_text()}</style>" for name in ("viser.css", "page.css")]
-    # they come first in the head, so that they run before the scripts of viser
+    # the additions are the first elements of the head, so that their scripts run before the scripts of viser
     at = html.index("<head>") + len("<head>")
     return f"{html[:at]}{''.join(additions)}{html[at:]}".encode()
 

@@ -164,7 +164,11 @@ def from_yaml(text: str, servers: Mapping[str, List[Parameter]]) -> Dict[str, Di
 
 
 def _checked(node: str, values: Dict[str, Any], servers: Mapping[str, List[Parameter]]) -> Dict[str, Any]:
-    """Return the values of a node in the types of its parameters; for the errors see `from_yaml`."""
+    """Return the values of a node in the types of its parameters.
+
+    Raises:
+        HuskyError: the node or a parameter is unknown, or a value is wrong.
+    """
     if node not in servers:
         raise HuskyError(
             f"node '{node}' has no parameters to tune; there are: {', '.join(servers) or 'none'}"

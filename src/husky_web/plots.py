@@ -39,7 +39,7 @@ class Chart(NamedTuple):
     unit: str
     series: Tuple[str, ...]  # names of the lines in the chart; the line "commanded" is dashed
     # lowest and highest value that the y axis always contains, so that noise does not look large
-    least: Tuple[float, float]
+    least_range: Tuple[float, float]
     zero: str = ""  # text at the line of the value 0; empty if there is no text
 
 
@@ -136,7 +136,7 @@ def chart_html(chart: Chart, arrays: Sequence[np.ndarray], marks: Sequence[Mark]
         marks: changes of parameters.
     """
     times, series = arrays[0], [np.where(np.abs(each) < LARGEST, each, np.nan) for each in arrays[1:]]
-    all_values = np.concatenate([chart.least, *series])  # the range of the y axis contains these values
+    all_values = np.concatenate([chart.least_range, *series])  # the y axis contains all these values
     finite = all_values[np.isfinite(all_values)]
     ticks = nice_ticks(float(finite.min()), float(finite.max()))
     axes = _Axes(float(times[-1]) if len(times) else 0.0, ticks[0], ticks[-1])

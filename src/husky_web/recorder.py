@@ -1,4 +1,4 @@
-"""Recording of a run, which can be downloaded as one HTML page that replays it, as in grading."""
+"""Recording of a run, which can be downloaded as one HTML page that replays the run."""
 
 from __future__ import annotations
 
@@ -105,7 +105,7 @@ def recording_page(rows: List[Row], robot_name: str) -> str:
     A robot that is not in ROBOTS has the Husky's shape.
 
     Args:
-        rows: recorded rows, see `Row`.
+        rows: recorded rows, each with a time, the robot's pose, and the pillar's position.
         robot_name: name of the robot in its URDF.
 
     Raises:

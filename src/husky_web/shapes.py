@@ -84,10 +84,12 @@ Piece = Union[Solid, Lines, Points, Label, MeshFile]
 
 def copies(unit: Mesh, size: Sequence[float], points: np.ndarray) -> Mesh:
     """Return a mesh of copies of a unit shape, stretched along x, y and z, at points (N, 3) [m]."""
-    # corners (N, V, 3) and faces (N, F, 3) of N copies of a unit with V corners and F faces; a face has the
-    # row numbers of its corners, so V is added to them from copy to copy
+    # corners (N, V, 3) of N copies of a unit with V corners
     corners = points[:, None] + unit.vertices * np.asarray(size)
-    faces = np.arange(len(points))[:, None, None] * len(unit.vertices) + unit.faces
+    # faces (N, F, 3) of N copies of a unit with F faces; a face gives the rows of its corners in the array of
+    # all corners, in which the corners of each copy begin at its first row
+    first_rows = np.arange(len(points)) * len(unit.vertices)
+    faces = first_rows[:, None, None] + unit.faces
     return Mesh(corners.reshape(-1, 3).astype(np.float32), faces.reshape(-1, 3).astype(np.uint32))
 
 
@@ -151,7 +153,8 @@ def _mesh(solid: trimesh.Trimesh) -> Mesh:
 def solids_of(file: MeshFile) -> List[Solid]:
     """Return the triangles of a mesh file, or a box with a warning if it cannot be read."""
     try:
-        metres_per_unit = max(map(abs, file.scale)) or 1.0  # 1 in place of 0, by which CELL cannot be divided
+        # if all factors are 0, the value is 1, because CELL cannot be divided by 0
+        metres_per_unit = max(map(abs, file.scale)) or 1.0
         parts = _read(file.uri, CELL / metres_per_unit)  # CELL [m] becomes a length in the file's unit
     except HuskyError as error:
         rospy.logwarn_once(f"{error}; a box is drawn instead")

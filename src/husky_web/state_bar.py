@@ -39,8 +39,8 @@ FIGURES_PERIOD = 0.2  # [s] wall time between two changes of the numbers
 REASON_TIME = 3.0
 # [s] simulated time after which the controller has noticed that an object was moved: one or two scans
 SEEN_AFTER = 0.03
-# [s] wall time after which the name of a moved object is hidden, even if simulated time is unknown, slow or
-# paused
+# [s] longest wall time for which the name of a moved object is shown after the end of its motion; without
+# this limit, the name would stay while simulated time is unknown, slow or paused
 LONGEST_SHOWN = 0.3
 # buttons: the robot drives again from its start, or the pillar moves to another position
 DRIVE_AGAIN, MOVE_PILLAR = "Drive again", "Move the pillar"
@@ -53,7 +53,7 @@ class RobotStatus(NamedTuple):
     has_listener: bool = True  # true if another node subscribes to the emergency stop
     is_master_gone: bool = False  # true if the ROS master has ended or was started again
     is_paused: bool = False  # true if simulated time is paused
-    is_silent: bool = False  # true if no odometry has come for some time, see `numbers.NO_NEWS_TIME`
+    is_silent: bool = False  # true if the robot does not respond: it has sent no odometry for a while
     moving: str = ""  # name of the object that a page moves; empty if no page moves one
     is_by_hand: bool = False  # true if a person drives the robot
     driver: str = ""  # name of the node that drives the robot, if it is not the controller
@@ -184,7 +184,8 @@ class StateBar:
     def forget(self, is_locked: bool, has_listener: bool) -> None:
         """Drop the state and the numbers, because they would be old when the next page opens.
 
-        The emergency stop does not get old: `is_locked` and `has_listener` are as in `RobotStatus`.
+        The emergency stop is still shown: `is_locked` is true if it is on, and `has_listener` is true if
+        another node subscribes to it.
         """
         self._figures, self._figures_due = Figures(), 0.0
         self._show(RobotStatus(is_locked=is_locked, has_listener=has_listener))

@@ -155,7 +155,7 @@ class Teleop:
         self.is_locked = is_locked
 
     def _on_e_stop(self, msg: Bool) -> None:
-        """Take in a value of e_stop, which comes back if this page has sent it."""
+        """Keep a value that a node has sent on e_stop; this node receives its own values, too."""
         if msg._connection_header["callerid"] != rospy.get_name():
             # this node repeats a stop of another node to new subscribers, but it must not repeat a release
             self.latched = True if msg.data else None

@@ -20,11 +20,11 @@ from visualization_msgs.msg import InteractiveMarkerInit, InteractiveMarkerUpdat
 
 from husky_highlevel_controller.robot import load_robot
 
-# [s] after a message, the thread that has read it pauses, so that the next messages are read together;
+# [s] a thread that has read a message pauses for this time, so that it reads the next messages together;
 # NUMBERS_PAUSE is for messages that are only shown as numbers
 PAUSE, NUMBERS_PAUSE = 0.05, 0.1
-# a message that is read at most this fraction of a pause's length after the pause has come during the pause,
-# so it causes no pause of its own
+# The messages that come during a pause are read at once after the pause, and cause no further pause. A
+# message counts as one of them if it is read at most this fraction of the pause's length after the pause.
 BURST_SHARE = 0.2
 # largest number of messages of a topic that are kept until they are read; if there are more, the oldest are
 # lost
@@ -140,7 +140,7 @@ class Topics:
         if use == "scan":
             self.scan_count += 1
         end_of_pause = getattr(self._last_pause, "end", -inf)  # -inf before the first pause of this thread
-        # true if this message has come during the pause, because it is read right after the pause
+        # true if this message has come during the last pause, because it is read at once after this pause
         came_during_pause = time.monotonic() - end_of_pause <= BURST_SHARE * pause
         if not came_during_pause:
             time.sleep(pause)

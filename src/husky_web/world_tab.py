@@ -93,9 +93,10 @@ class WorldTab:
         self._actions.do(lambda: self._move_away(point), client, "Move")
 
     def _move_away(self, point: Optional[Vector3]) -> str:
-        """Move the object nearest to a point, see `move_away`, and return the simulator's sentence.
+        """Move the object nearest to a point to a random position 4 to 8 m away from its present one.
 
-        A random position may be occupied, so up to MOVE_ATTEMPTS random positions are tried.
+        A random position may be occupied, so up to MOVE_ATTEMPTS random positions are tried. The result is
+        the simulator's sentence. `point` [m] is in the page's frame.
 
         Raises:
             HuskyError: the point is unknown, the world has no object, or every attempt has failed.
