@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import List, Optional, Sequence, Tuple
+from typing import List, Optional, Sequence, Set, Tuple
 
 from husky_grading.displays import RvizConfig
 from husky_grading.hand_in.build import Build, build, is_built
@@ -280,8 +280,8 @@ def _prepare_choice(
         notes.append(f"launch file {candidates[0].place}: named in marking.yaml")
     # `launch` is the launch file that is started: the first candidate of which a node was built. It is None
     # if the teacher names a node, because then there are no candidates.
-    launch, built, build_notes = _build_candidates(candidates, packages, folders, underlay)
-    notes += [*repair_notes, *build_notes]
+    launch, built = _build_candidates(candidates, packages, folders, underlay)
+    notes += repair_notes
     launchable = _launchable_of(launch, override)
     # paths of the chosen launch file and of all that fit as well; empty if no other launch file fits as well
     equal_places: Tuple[str, ...] = ()
@@ -315,11 +315,16 @@ def _explain_choice(
 ) -> Tuple[List[str], Tuple[str, ...]]:
     """Return notes for the student on why a launch file was chosen, and the paths of equally good ones.
 
+    The chosen launch file is not the best of the candidates if no node of the best one could be built.
+
     If other launch files fit as well, a note says how the teacher can grade one of them, and the paths are
     those of the chosen launch file and of the others. If no other launch file fits as well, there are no
     paths.
     """
-    notes = [reasons(launch, candidates, exercise)]
+    best, notes = candidates[0], []
+    if launch is not best:
+        notes.append(f"launch file {best.place} is not used: {', '.join(best.nodes)} is not built")
+    notes.append(reasons(launch, candidates, exercise))
     other_places = equal_launch_files(launch, candidates, exercise, facts)
     if not other_places:
         return notes, ()
@@ -400,34 +405,38 @@ def _launchable_of(launch: Optional[LaunchFile], override: Override) -> Launchab
 
 def _build_candidates(
     candidates: Sequence[LaunchFile], packages: Sequence[Package], folders: Folders, underlay: Workspace
-) -> Tuple[Optional[LaunchFile], Build, List[str]]:
-    """Build the packages that the best launch file needs, and return the launch file, the build and notes.
+) -> Tuple[Optional[LaunchFile], Build]:
+    """Build the packages that the best launch file needs, and return the launch file and its build.
 
     If none of its nodes is built, the next best launch files are tried, but not more than MAX_TRIED in all.
     If all of them fail, the best one is returned. Without candidates, all packages are built, and the launch
     file is None.
     """
     by_name = {package.name: package for package in packages}
-    best = candidates[0] if candidates else None
-    # names of the submission's packages to which the launch file refers
-    used = set(best.plan.uses) & set(by_name) if best else set()
-    needed = used or set(by_name)
-    first_build = build(folders, frozenset(with_dependencies(needed, by_name)), underlay)
-    if best is None or _is_any_built(best, folders):
-        return best, first_build, []
-    for other in candidates[1:MAX_TRIED]:
-        # packages of launch files that were tried before stay in `needed`, so each build continues the build
-        # before it
+
+    def build_with_dependencies(names: Set[str]) -> Build:
+        """Build these packages of the submission, and the packages of the submission that they need."""
+        return build(folders, frozenset(with_dependencies(names, by_name)), underlay)
+
+    if not candidates:
+        return None, build_with_dependencies(set(by_name))
+    best, *others = candidates[:MAX_TRIED]
+    # names of the submission's packages to which the launch file refers; all packages if it refers to none
+    needed = set(best.plan.uses) & set(by_name) or set(by_name)
+    build_of_best = build_with_dependencies(needed)
+    if _is_any_built(best, folders):
+        return best, build_of_best
+    for other in others:
         needed |= set(other.plan.uses) & set(by_name)
-        rebuilt = build(folders, frozenset(with_dependencies(needed, by_name)), underlay)
-        # The best launch file is checked again after each build. Its node may need a package that its
-        # package.xml does not name, and this build may have built that package.
-        if _is_any_built(best, folders):
-            return best, rebuilt, []
-        if _is_any_built(other, folders):
-            note = f"launch file {best.place} is not used: {', '.join(best.nodes)} is not built"
-            return other, rebuilt, [note]
-    return best, first_build, []  # the student learns the errors of the best launch file
+        larger_build = build_with_dependencies(needed)
+        # `best` is checked again. Its node may need a package that no package.xml names, and this build may
+        # have built that package.
+        for launch in (best, other):
+            if _is_any_built(launch, folders):
+                return launch, larger_build
+    # The student gets the errors of the build for the best launch file. A later build also has errors of
+    # packages that only other launch files need.
+    return best, build_of_best
 
 
 def _is_any_built(launch: LaunchFile, folders: Folders) -> bool:
