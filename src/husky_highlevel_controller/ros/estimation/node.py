@@ -12,7 +12,7 @@ import threading
 import time
 from enum import Enum
 from math import hypot, inf, isqrt
-from typing import Any, Dict, List, Optional, Sequence, Tuple
+from typing import Any, Dict, List, Optional, Sequence, Set, Tuple
 
 import numpy as np
 import rospy
@@ -39,25 +39,22 @@ QUEUE = 1000
 # [s] a message is ignored if its stamp is later than the clock by more than this. The clock may lag behind a
 # bag that is played fast, so a smaller difference is normal.
 MAX_AHEAD = 60.0
-# [s] An input is silent if it has sent no message for this wall time: ABSENCE before its first message,
-# SILENCE after it. The filter waits for the readings of all inputs, but not for those of a silent input. A
-# busy machine may delay a thread, so these times are long.
-ABSENCE, SILENCE = 1.0, 3.0
+# The filter waits for the readings of all inputs, but not for those of a silent input. An input without any
+# message is silent when ABSENCE has passed since the first message of another input. An input is also silent
+# when SILENCE has passed since its last usable message. Both are long, because a busy machine delays threads.
+ABSENCE, SILENCE = 1.0, 3.0  # [s] wall times
 CLOCK_BACK = 1.0  # [s] a new run has begun if the clock goes back by more than this
 REPORT_PERIOD = 5.0  # [s] time between two warnings of one kind about a topic
 # variance of z, roll, pitch and their rates, which is small because they are always 0 on the plane
 OFF_PLANE = 1e-6
 # index of the rows and columns of x, y and yaw in a (6, 6) covariance of x, y, z, roll, pitch and yaw
 PLANE = np.ix_(ON_PLANE, ON_PLANE)
-# values in `LocalizationNode._heard_at` in place of a wall time
-NOW = inf  # an input whose message is just being taken; later than any time, so the input is not silent
-LONG_AGO = 0.0  # an input without a usable message; the input is silent
 
 
 class _Fate(Enum):
     """Fate of a message of an input."""
 
-    USED = "used"  # the filter has accepted the message, or a message of the input that was held until now
+    USED = "used"  # the filter has accepted the message, or an earlier message that was held until now
     HELD = "held"  # the message waits until TF has the frame of the sensor
     IGNORED = "ignored"  # the message is not usable, and a warning was logged
 
@@ -104,20 +101,21 @@ class LocalizationNode:
     def _start_filter(self) -> None:
         """Make a new filter, forget all messages, and begin at time 0."""
         self._filter = Localization(self._config)
-        self._last_time = 0.0  # [s] largest ROS time at which a message has come
+        self._newest_time = 0.0  # [s] largest ROS time at which a message has come
         # messages of each input that wait for a transform, oldest first
         self._held_messages: Dict[str, List[Any]] = {name: [] for name in self._config.inputs}
         # [s] wall time of the first message of any input; 0 before this message
         self._first_heard_at = 0.0
-        # [s] Wall time of the last usable message of each input. Two values stand for no time: NOW while a
-        # message is being taken, and LONG_AGO if the input has sent no usable message. The filter does not
-        # wait for an input that has been silent for too long (see `_is_silent`).
-        self._heard_at: Dict[str, float] = {}
+        self._heard_inputs: Set[str] = set()  # inputs that have sent any message
+        # [s] wall time of the last usable message of each input; only of inputs whose messages are usable
+        self._used_at: Dict[str, float] = {}
+        # inputs with a message whose thread waits for `_lock`; these inputs are not silent
+        self._arriving_inputs: Set[str] = set()
 
     def _on_message(self, msg: Any, name: str) -> None:
-        """Take a message of an input (see `_take`), and note in `_heard_at` that the input is not silent.
+        """Take a message of an input (see `_take`), and note when the input has sent a usable message.
 
-        A message that is ignored or held does not count. Otherwise the filter would wait forever for the
+        A message that is ignored or held is not usable. If it counted, the filter would wait forever for the
         readings of an input that sends only such messages. If the clock has gone back by more than
         CLOCK_BACK, the filter starts again before it gets the message.
 
@@ -125,30 +123,27 @@ class LocalizationNode:
             msg: Odometry or Imu.
             name: name of the input in the parameters, such as odom0.
         """
-        heard_before = self._heard_at.get(name, LONG_AGO)
-        self._heard_at[name] = NOW  # the input must not count as silent while this thread waits for the lock
+        self._arriving_inputs.add(name)
         with self._lock:
+            self._arriving_inputs.discard(name)
             # the ROS time is read under the lock, because a fast bag may advance by seconds while this thread
             # waits
             now = rospy.get_time()
-            if now < self._last_time - CLOCK_BACK:
+            if now < self._newest_time - CLOCK_BACK:
                 rospy.logwarn(
-                    f"clock from {self._last_time:.3f} back to {now:.3f} s; the filter starts again"
+                    f"clock from {self._newest_time:.3f} back to {now:.3f} s; the filter starts again"
                 )
-                # this call also sets `_last_time` to 0, and forgets when messages of the inputs came
                 self._start_filter()
-                heard_before = LONG_AGO
-            self._last_time = max(now, self._last_time)
-            self._heard_at[name] = time.monotonic()
+            self._newest_time = max(now, self._newest_time)
+            self._heard_inputs.add(name)
+            wall_time = time.monotonic()
             if self._first_heard_at == 0.0:  # this is the first message of any input since the start
-                self._first_heard_at = self._heard_at[name]
+                self._first_heard_at = wall_time
             fate = self._take(msg, name, now)
-            if fate is _Fate.HELD:
-                self._heard_at[name] = LONG_AGO
-            if fate is _Fate.IGNORED:
-                # NOW means that another thread took a message of this input at the same time; then the time
-                # of the last usable message is unknown
-                self._heard_at[name] = LONG_AGO if heard_before == NOW else heard_before
+            if fate is _Fate.USED:
+                self._used_at[name] = wall_time
+            elif fate is _Fate.HELD:  # the filter must not wait for the readings that TF holds up
+                self._used_at.pop(name, None)
 
     def _take(self, msg: Any, name: str, now: float) -> _Fate:
         """Give a message to the filter, or hold it until TF has the frame of the sensor, or ignore it.
@@ -186,7 +181,8 @@ class LocalizationNode:
         reading until the other inputs have sent later ones, but it does not wait long for a silent input (see
         `_is_silent`). The new estimates may be several, or none while the filter waits.
         """
-        silent = {other for other in self._config.inputs if self._is_silent(other, time.monotonic())}
+        others = set(self._config.inputs) - {name}
+        silent = {other for other in others if self._is_silent(other, time.monotonic())}
         try:
             estimates = self._filter.add(name, reading_from_msg(msg), mounting, silent)
         except ReadingError as error:
@@ -208,9 +204,12 @@ class LocalizationNode:
 
     def _is_silent(self, name: str, now: float) -> bool:
         """Return whether an input has sent nothing usable for too long, at the wall time `now` [s]."""
-        if name not in self._heard_at:  # the input has never sent a message
-            return now > self._first_heard_at + ABSENCE
-        return now > self._heard_at[name] + SILENCE
+        if name in self._arriving_inputs:
+            return False
+        if name in self._used_at:
+            return now > self._used_at[name] + SILENCE
+        # an input whose messages are not usable is silent at once
+        return name in self._heard_inputs or now > self._first_heard_at + ABSENCE
 
     def _mounting(self, msg: Any, name: str) -> Optional[Mounting]:
         """Return where a sensor is mounted: the poses of its frames, in the frames of the filter.
@@ -280,15 +279,15 @@ class LocalizationNode:
 
     def _complain(self, name: str, kind: str, sentence: str) -> None:
         """Warn of an input, at most once in REPORT_PERIOD for each kind of complaint."""
-        last_time = self._complained_at.get((name, kind), -inf)
-        # after the clock has gone back, `_last_time` begins again at 0, so the difference may be negative
-        if abs(self._last_time - last_time) >= REPORT_PERIOD:
-            self._complained_at[name, kind] = self._last_time
+        complained_at = self._complained_at.get((name, kind), -inf)
+        # the difference is negative if the clock has gone back since the last warning
+        if abs(self._newest_time - complained_at) >= REPORT_PERIOD:
+            self._complained_at[name, kind] = self._newest_time
             rospy.logwarn(f"{rospy.resolve_name(self._config.inputs[name].topic)}: {sentence}")
 
     def _report_silence(self, _event: Any) -> None:
         """Warn of each input that has sent no message since the start, because its topic may be wrong."""
-        for name in sorted(set(self._config.inputs) - set(self._heard_at)):
+        for name in sorted(set(self._config.inputs) - self._heard_inputs):
             rospy.logwarn(f"{rospy.resolve_name(self._config.inputs[name].topic)}: no message yet ({name})")
 
 
