@@ -41,9 +41,9 @@ class Camera:
         # true after a choice, until the camera moves to the offset of the chosen camera
         self._has_new_choice = True
         self._target: Vector3 = (0.0, 0.0, 0.0)  # [m] position that the camera looks at, in the fixed frame
-        # yaw [rad] of the frame that turns with the robot; offset [m] of the camera from its target, in this
-        # frame
-        self._yaw, self._offset = 0.0, OFFSETS[FOLLOW]
+        # [rad] yaw of the frame in which `_offset` is given; this frame turns with the robot
+        self._yaw = 0.0
+        self._offset = OFFSETS[FOLLOW]  # [m] offset of the camera from its target, in this frame
         # [m] newest positions of the camera that were sent to the page after the last jump, at most SENT
         self._sent: Deque[Vector3] = deque(maxlen=SENT)
         # true if the page has reported a position from after the last jump
@@ -62,8 +62,9 @@ class Camera:
         target = self._target_now(base, pillar)
         if target is None:
             return
-        # only the camera FOLLOW turns with the robot
-        yaw = 0.0 if base is None or self._name != FOLLOW else yaw_from_quat(base.quat_xyzw)
+        yaw = 0.0
+        if base is not None and self._name == FOLLOW:  # only this camera turns with the robot
+            yaw = yaw_from_quat(base.quat_xyzw)
         way = dist(target, self._target)  # [m] motion of the target since the camera was moved last
         # a choice that a person makes after this line counts in the next update
         has_new_choice, self._has_new_choice = self._has_new_choice, False

@@ -74,8 +74,7 @@ class Light(NamedTuple):
     level: int  # level of a DiagnosticStatus, such as 0 for OK
     message: str
     heard_at: float  # [s] wall time at which it came
-    # [s] simulated time at which the diagnostic came. If simulated time was unknown then, or has begun again
-    # since then, this is the first known time after that; None until a time is known.
+    # [s] simulated time at which the silence of the node began; None if unknown
     silent_since: Optional[float]
 
 
@@ -186,20 +185,27 @@ class DriveTab:
         been silent for STALE_LIGHT in both times. Nodes send their diagnostics by simulated time, which may
         be slow or stand still.
         """
-        for name, light in list(self._lights.items()):
-            silence = now - light.heard_at  # [s] wall time since the last diagnostic
+        message = f"no status for more than {STALE_LIGHT:g} s; the node may have ended"
+        for name in list(self._lights):
+            silence = now - self._lights[name].heard_at
             if time is not None:
-                since = light.silent_since
-                if since is None or time < since:  # time was unknown, or the simulator was started again
-                    since = time
-                    light = self._lights[name] = light._replace(silent_since=since)
-                # the shorter one of the silences in both times
-                silence = min(silence, time - since)
+                silence = min(silence, self._simulated_silence(name, time))
             if silence > STALE_LIGHT:
-                message = f"no status for more than {STALE_LIGHT:g} s; the node may have ended"
-                self._lights[name] = light._replace(level=STALE_LEVEL, message=message)
+                self._lights[name] = self._lights[name]._replace(level=STALE_LEVEL, message=message)
                 if self._is_of_controller(name):
                     self._state = ""
+
+    def _simulated_silence(self, name: str, time: float) -> float:
+        """Return the simulated time [s] from the last diagnostic of a name to `time` [s].
+
+        If simulated time was unknown when the diagnostic came, or has begun again since then, the silence is
+        counted from the first known time after that.
+        """
+        light = self._lights[name]
+        if light.silent_since is None or time < light.silent_since:
+            self._lights[name] = light._replace(silent_since=time)
+            return 0.0
+        return time - light.silent_since
 
     def _is_of_controller(self, name: str) -> bool:
         """Return whether a diagnostic of this name comes from the controller.

@@ -177,15 +177,15 @@ class Objects:
         # slashes in the names are replaced, because viser would read each as a level of its tree of nodes
         path = f"/objects/{quote(topic, safe='')}/{quote(marker.name, safe='')}"
         node = self._scene.add_frame(path, show_axes=False)
-        nodes: List[Any] = []
+        shapes: List[Any] = []
         # a Marker for each part of the object's shape
         parts = [part for control in marker.controls for part in control.markers]
         for number, part in enumerate(parts):
             # a ground is left out, because the page draws its own
             pieces = [piece for piece in primitives(part) if not _is_ground(piece)]
-            nodes += clickable(add_pieces(self._scene, f"{path}/{number}", pieces, pose_of(part) or Pose()))
-        if nodes:
-            low, high = bounds(nodes)
+            shapes += clickable(add_pieces(self._scene, f"{path}/{number}", pieces, pose_of(part) or Pose()))
+        if shapes:
+            low, high = bounds(shapes)
             # the shadow is just above the height of the object's lowest point
             x, y, _ = (low + high) / 2.0
             center = (x, y, low[2] + SHADOW_HEIGHT)
@@ -194,7 +194,7 @@ class Objects:
             node=node,
             frame=frame_of_message(marker),
             pose_in_frame=conversions.pose_from_msg(marker.pose),
-            shapes=nodes,
+            shapes=shapes,
             menu=tuple((entry.id, entry.title) for entry in marker.menu_entries),
             is_movable=any(control.interaction_mode in MOVABLE for control in marker.controls),
         )
