@@ -69,8 +69,8 @@ class _Fits(NamedTuple):
     Each circle has a frame of its own: the lidar is the origin, and x points to the middle of the segment.
     """
 
-    x: np.ndarray  # [m] x of the centre
-    y: np.ndarray  # [m] y of the centre
+    x: np.ndarray  # [m] x of the centre, along the direction of the segment's middle
+    y: np.ndarray  # [m] y of the centre, across this direction
     radius: np.ndarray  # [m]
     residual: np.ndarray  # [m] root mean square distance of the beams' end points from the circle
     # lead of the best straight line over the circle (see LINE_ODDS); positive if the line fits better
@@ -293,8 +293,10 @@ def _sampled_beams(
     # `half_width` is the angle between the outermost of these beams and the centre, as a number of beams
     half_angle = np.arcsin(np.minimum(inner_radius / np.maximum(distance, 1e-9), 1.0))
     half_width = half_angle / step
-    # index of the beam that would point to the centre; it is usually not a whole number
-    centre = 0.5 * (fits.first + fits.last) + np.arctan2(fits.y, fits.x) / scan.angle_increment
+    # Index of the beam that would point to the centre, usually not a whole number. In the frame of a circle,
+    # arctan2 is the angle from the segment's middle to the centre.
+    middle = 0.5 * (fits.first + fits.last)
+    centre = middle + np.arctan2(fits.y, fits.x) / scan.angle_increment
     # smallest and largest index of the beams of the scan that should meet the circle; `largest` need not be
     # a whole number, because it is only a limit for whole numbers
     smallest = np.maximum(np.ceil(centre - half_width), 0.0)

@@ -284,10 +284,11 @@ class CrashDetector:
         periods = [after - before for after, before in zip(newest_stamps, newest_stamps[1:])]
         # a lost message makes a period too long, so the shorter period counts
         period = min(periods, default=0.0)
-        # The next odometry is expected `period` after the newest one, and the speed counts as unchanged until
-        # then. So the sample waits only if the judged change, which ends LATENESS before it, ends later.
-        newer_than_odometry = stamp - newest_stamps[0]
-        return newer_than_odometry <= period + LATENESS
+        # [s] The sample may be newer than the newest odometry by this. Then the change that is judged with it
+        # ends before the next odometry, because the change ends LATENESS before the sample, and the next
+        # odometry is expected `period` after the newest one.
+        largest_lead = period + LATENESS
+        return stamp - newest_stamps[0] <= largest_lead
 
     def _judge_sample(self, sample: ImuSample, imu_in_base: Quaternion) -> Optional[float]:
         """Add a sample to the stored ones; return the change of velocity [m/s] if there was a crash, or None.
@@ -346,10 +347,11 @@ class CrashDetector:
         # a large error is a shock, so the error counts only up to the size LEVELLING_FORCE
         error_size = max(sqrt(dot(error, error)), 1e-6)
         counted_part = min(LEVELLING_FORCE / error_size, 1.0)
-        # A low-pass filter corrects the part duration / _levelling_time of the error. The error is divided by
-        # GRAVITY, because the error is a force, but the vertical has the length 1.
+        # A low-pass filter corrects the part duration / _levelling_time of the error. `_judge_sample` has
+        # already increased this time, so it is above 0. The error is divided by GRAVITY, because the error is
+        # a force, but the vertical has the length 1.
         pull = counted_part * duration / (self._levelling_time * GRAVITY)
-        # the negative factor adds the correction, so the vertical turns towards the force
+        # subtracting -pull * error adds pull * error, so the vertical turns towards the force
         self._vertical = unit(minus(self._vertical, error, -pull)) or self._vertical
 
     def _force_without_driving(self, sample: ImuSample, imu_in_base: Quaternion) -> Vector3:

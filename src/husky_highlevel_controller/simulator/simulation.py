@@ -57,10 +57,10 @@ class Simulation:
         seed: int,
         start_height: float = 0.0,
     ) -> None:
-        """Build the world, with the robot on the floor at `start`.
+        """Make the parts of the simulation, and build the world, with the robot on the floor at `start`.
 
-        If the floor is below `start_height` by at most MAX_DROP, the robot starts at `start_height` and falls
-        to the floor, as in Gazebo.
+        If `start_height` is a little above the floor (up to MAX_DROP), the robot starts there and falls to
+        the floor, as in Gazebo.
 
         Args:
             world: bodies and gravity.
@@ -100,7 +100,7 @@ class Simulation:
         # the time of a ROS clock must not go back. So the simulated time comes from the sum of both counts.
         self._steps_before_reset = self._steps_since_reset = 0
         try:
-            self.reset()
+            self.reset()  # builds the world, and puts the robot into it
         except Exception:
             self.close()  # otherwise the physics engine would keep 35 MB of memory
             raise
