@@ -23,5 +23,5 @@ def remember_parameter() -> None:
     master still notifies rospy of a change. Call this after rospy.init_node, and before the first line of the
     log.
     """
-    # `set` is needed, because rospy itself puts nothing into its cache if the parameter is not set
+    # if nobody has given the parameter a value, rospy itself puts nothing into its cache
     get_param_server_cache().set(PARAMETER, rospy.get_param_cached(PARAMETER, False))

@@ -18,8 +18,8 @@ from husky_highlevel_controller.datatypes import Twist2D
 from husky_highlevel_controller.robot import Robot
 from husky_highlevel_controller.ros.master_graph import read_graph
 
-# [s] wall time for which the inputs of higher priority are heard. A node that drives sends more often,
-# because the robot forgets a command after 0.5 s.
+# [s] wall time for which the inputs of higher priority are heard. In this time, a node that drives sends at
+# least one command, because the robot forgets a command after 0.5 s.
 LISTENING_TIME = 0.6
 POLL_PERIOD = 0.02  # [s] wall time between two looks at what was heard
 

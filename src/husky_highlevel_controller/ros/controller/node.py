@@ -426,7 +426,7 @@ class ControllerNode:
         if not self._enabled:
             return State.STOPPED
         state = self._controller_state.state  # read once, because a callback may change it
-        # if the last scan found the robot stopped, the robot was started since, and waits for the next scan
+        # if the state is STOPPED, the robot was started after the last scan, and waits for the next scan
         return State.WAITING if state is State.STOPPED else state
 
     def _examine(self, paused: bool) -> Health:

@@ -21,8 +21,9 @@ class ScanAbsence:
     def __init__(self, topic: str) -> None:
         """Ask about the scans on a resolved topic."""
         self._topic = topic
-        # [s] ROS time at which the absence of scans was noticed, or at which the master was last asked; None
-        # while scans come. The next question to the master follows after PATIENCE.
+        # [s] ROS time from which the node waits for PATIENCE until it asks the master. At first, this is the
+        # time at which it noticed that no scans come, then the time of its last question. None while scans
+        # come.
         self._waiting_since: Optional[float] = None
         self._sentence = ""  # reason why no scans come; empty if they come, or if the reason is unknown
 

@@ -17,8 +17,8 @@ from husky_highlevel_controller.ros.safety.guard import REPORT_PERIOD, Guard, Se
 from husky_highlevel_controller.ros.transforms import lookup_pose
 
 BASE = "base_link"
-# [s] the clocks of lidar and odometry may differ by this; a slow lidar stamps its scans up to 0.2 s before
-# the newest odometry
+# [s] The clocks of lidar and odometry may seem to differ by this. If a lidar is slow, its scans come up to
+# 0.2 s after their stamps, although its clock is right.
 CLOCK_TOLERANCE = 0.3
 # [s] missing odometry or transforms cause a warning only if they are missing for this time
 STARTING_TIME = 1.0
@@ -82,7 +82,7 @@ class ProximityStopNode:
     def _note_blind_scan(self, reason: str) -> None:
         """Note that a scan cannot be judged; warn with the reason if this has lasted for STARTING_TIME."""
         now = rospy.get_time()  # ROS time, because the stamps of the scans may stand still
-        # inf becomes `now`; an earlier time stays, except if ROS time has gone back since then
+        # the first blind scan sets the time in place of inf; the time is set again if ROS time has gone back
         self._blind_since = min(self._blind_since, now)
         if now - self._blind_since >= STARTING_TIME:
             rospy.logwarn_throttle(REPORT_PERIOD, f"guard inactive: {reason}")

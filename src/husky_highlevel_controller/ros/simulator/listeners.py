@@ -1,12 +1,12 @@
 """Detects from /proc whether all subscribers of a topic are idle: none of their threads runs.
 
 `Lockstep` needs this. A node that waits for simulated time (ros::Rate, ros::Duration::sleep, rospy.sleep)
-answers nothing until the clock advances, so the simulator must not wait for it. A node that still computes
-sends no messages either, but one of its threads runs.
+answers nothing until the clock advances, so the simulator must not wait for it. A node that computes also
+sends no messages, but the simulator must wait for it. One of its threads runs.
 
-A thread that waits for a message runs from the moment at which the message is sent, so a node that was just
-sent a message does not look idle. The number of unread messages would not show whether a node is idle,
-because rospy reads none during a callback, and the callback may sleep.
+When a message is sent, the kernel marks the thread that waits for it as running at once. So a node with a new
+message does not look idle. The number of unread messages would not show whether a node is idle, because
+rospy reads none during a callback, and the callback may sleep.
 """
 
 from __future__ import annotations
@@ -22,16 +22,16 @@ import rospy
 
 # [s] wall time of the long check (see `Listeners.asleep`): a process counts as asleep if no look in this time
 # finds a running thread. A sleeping roscpp node checks the clock every 1 ms, but a busy computer may wake the
-# node later. With 3 ms, at a load average of 11, two of three runs of such a node gave other results than
-# before.
+# node later. With 3 ms, at a load average of 11, two of three equal runs of such a node gave different
+# results.
 ASLEEP_FOR = 0.008
 LOOK_PERIOD = 0.002  # [s] wall time between two checks whether the processes sleep
 STAT = "stat"  # file of a thread in /proc with the state of the thread
-# file of a thread in /proc that counts how often the kernel has let the thread run on a CPU (its turns); STAT
-# is read instead if the kernel does not count turns
-SCHEDULE = "schedstat" if os.path.exists("/proc/self/schedstat") else STAT
 # true if the kernel counts the turns of each thread: how often it has let the thread run on a CPU
-COUNTS_TURNS = SCHEDULE != STAT
+COUNTS_TURNS = os.path.exists("/proc/self/schedstat")
+# file of a thread in /proc with its turns; if the kernel does not count turns, STAT is read in its place, and
+# no turns are compared
+SCHEDULE = "schedstat" if COUNTS_TURNS else STAT
 READ_SIZE = 512  # [bytes] length of the part of each file that is read; it includes the state of the thread
 # largest number of threads of a process that are checked; their files stay open, because opening files takes
 # most of the time of a check
@@ -40,8 +40,8 @@ MAX_THREADS = 200
 RUNNING_STATES = {b"R", b"D"}
 
 Ports = Tuple[int, int]  # TCP ports of a connection: port of the subscriber, port of this process
-# Turns of a process: for each thread, the text of its file SCHEDULE, in which the kernel counts how often it
-# has let the thread run on a CPU. If the text is the same at two looks, the thread has not run between them.
+# Turns of a process: for each thread, the text of its file SCHEDULE. If the text is the same at two looks,
+# the thread has not run between them.
 Turns = Dict[str, bytes]
 # Result of one look at all listeners: the turns of each process, by the id of the process. If a thread of the
 # process runs, None is in place of its turns.

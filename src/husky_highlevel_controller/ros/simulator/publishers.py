@@ -35,8 +35,8 @@ STATE_PUBLISHER = "robot_state_publisher"
 # number of messages that wait for a slow subscriber; older ones are dropped, so a subscriber that hangs
 # cannot stop the simulation
 QUEUE = 200
-# [s] if the world changes several times in a pause, the stamps of the transforms after each change differ by
-# this time, which is much shorter than a physics step
+# [s] After each change of the world in a pause, transforms are sent with a stamp that is later by this. It is
+# much shorter than a physics step.
 LATER = 1e-6
 
 
@@ -171,15 +171,12 @@ class Publishers:
         three for its answer to a scan, so it can begin early. `on_clock` is called after the message on
         /clock was sent.
         """
-        # A scan also comes with odometry, but the robot's state is published only at ODOMETRY_RATE. So
-        # `odometry` is None at a step at which only a scan is due.
-        odometry = snapshot.odometry if snapshot.step % self.state_steps == 0 else None
+        # the simulation also measures odometry for each scan, but the robot's state is not published then
+        is_state_due = snapshot.step % self.state_steps == 0
+        odometry = snapshot.odometry if is_state_due else None
         is_tick = odometry is not None or snapshot.scan is not None  # true if this step publishes /clock
         if odometry is not None:
-            # A node may send a message as soon as it gets /clock. The program that records a run for grading
-            # takes the time of the last true state as the time of this message. So the true state is written
-            # before /clock is published.
-            self.truth_log.write(snapshot)
+            self.truth_log.write(snapshot)  # must come before /clock
         if is_tick:
             self.publish_clock(snapshot.stamp)
             on_clock()

@@ -29,6 +29,7 @@ class TruthLog:
 
     The keys are "ready" (the simulator waits for the reader), "truth" (the numbers of a `TrueState`),
     "changed" (a sentence on a call), "asleep" and "unanswered" (sentences on a controller, see `Lockstep`).
+    The reader answers "ready" and each "truth" with one byte, and simulated time stands still until then.
     """
 
     def __init__(self) -> None:
@@ -52,26 +53,26 @@ class TruthLog:
         self.write_line("ready", "")
         while self._socket and not rospy.is_shutdown():
             readable, _, _ = select.select([self._socket], [], [], POLL_PERIOD)
-            if readable:  # the byte of the reader has come, or the reader has closed the socket
+            if readable:  # the reader has answered, or has closed the socket
                 self._wait_for_reader()
                 return
             meanwhile()
 
     def write(self, snapshot: Snapshot) -> None:
-        """Write the true state, and wait until the reader has read it.
+        """Write the true state, and wait until the reader has read it; call this before /clock is published.
 
-        The reader records the messages of other nodes, with the time of the last true state that it has read.
-        If this node did not wait, a busy reader would give new messages an old time.
+        The reader gives each message of another node the time of the last true state that it has read. A node
+        may send a message as soon as it gets /clock. So the reader must have the new time before.
         """
         if self.is_open:
             self.write_line("truth", snapshot.true_state.to_numbers())
             self._wait_for_reader()
 
     def _wait_for_reader(self) -> None:
-        """Wait for the byte by which the reader lets the run go on; end the log if the byte does not come."""
+        """Wait for the byte with which the reader answers; end the log if the byte does not come."""
         connection = self._socket  # read once, because another thread may end the log
         try:
-            # an answer of 0 bytes means that the reader has closed the socket
+            # `recv` returns no byte if the reader has closed the socket
             if connection is not None and not connection.recv(1):
                 raise ConnectionResetError("it has closed the socket")
         except OSError as error:

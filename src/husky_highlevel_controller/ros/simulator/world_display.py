@@ -48,8 +48,8 @@ class _Shown(NamedTuple):
     """Marker of a body as it was last sent."""
 
     body: Body
-    # vertical direction in the frame of the body when the marker was made; the marker can be dragged only
-    # perpendicular to this direction
+    # direction in the frame of the body that was vertical when the marker was made; the marker can be dragged
+    # only perpendicular to this direction
     up: Vector3
     # pose of the body when the marker was sent; None if RViz has moved the marker since then, in a drag
     pose_in_world: Optional[Pose]

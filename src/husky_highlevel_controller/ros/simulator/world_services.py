@@ -82,7 +82,7 @@ class WorldServices:
         """Answer a request for the list of bodies; an unknown frame is a failure with a sentence."""
         try:
             response: srv.ListObjectsResponse = self._calls.call(lambda: self._list(request.reference_frame))
-            # the grader reads this report, because a submission must not look at true poses
+            # the report tells the grader that a node has seen true poses, which a submission must not use
             self._calls.report("the true poses of all bodies were listed")
             return response
         except HuskyError as error:
