@@ -5,9 +5,9 @@ In: the robot's true pose and motion, a function that casts rays, a random gener
 Sources: the driver (LMS1xx 0.3.0, LMS1xx_node) and the sensor's 50 Hz at 0.5 degrees give range_min,
 range_max, beams, ranges in whole millimetres, the range 0.0 of a miss, and 0.5 / 360 / 50 s between beams.
 The operating instructions (SICK 8012471, 3.6.2) give the spot, 8 mm + 15 mrad x distance. The data sheet
-gives 12 mm of statistical error, and 18 m of range on a surface of 10 % remission. No source gives the
-remission of surfaces, the distance below which two echoes become one, and the scale of the intensities, so
-these three values are assumed.
+gives 12 mm of statistical error, and 18 m of range on a surface of 10 % remission. The remission is the
+fraction of the light that a surface returns. No source gives the remission of surfaces, the distance below
+which two echoes become one, and the scale of the intensities, so these three values are assumed.
 
 A beam is a round spot of light, which becomes wider with the distance. At an edge, a part of the spot falls
 on the near surface, and the rest on a surface behind it. So several rays in the scan plane sample the spot
@@ -32,9 +32,9 @@ from husky_highlevel_controller.geometry import compose, quat_from_rpy
 from husky_highlevel_controller.simulator.sensors.lidar import CastRays
 
 RAYS_PER_BEAM = 5  # number of rays from one beam to the next
-# [rad] Rays sample the spot of a beam up to this angle on either side of its middle. This is half the spot's
-# angle at 0.3 m. A spot on a nearer surface has a larger angle, so its edges are not sampled.
-WIDEST_SPOT = 0.0208
+# [rad] Rays sample the spot of a beam up to this angle on either side of its middle. The edges of a spot at
+# 0.3 m are at this angle. The edges of a spot on a nearer surface are at a larger angle, and are not sampled.
+MAX_HALF_ANGLE = 0.0208
 # If the robot moves, a scan is divided into this number of pieces. All rays of a piece start at the robot's
 # pose at the middle of the piece, so ranges are wrong by less than 1.5 mm at 1 m/s.
 SWEEP_PIECES = 5
@@ -159,7 +159,7 @@ def _pieces(config: Lms1xxConfig, count: int) -> List[_Piece]:
     """
     angles, increment = np.linspace(-config.angle_max, config.angle_max, config.beams, retstep=True)
     step = float(increment) / RAYS_PER_BEAM  # [rad] angle from one ray to the next
-    rays_per_side = int(WIDEST_SPOT / step) + 1  # number of a spot's rays on either side of its middle ray
+    rays_per_side = int(MAX_HALF_ANGLE / step) + 1  # number of a spot's rays on either side of its middle ray
     offsets = step * np.arange(-rays_per_side, rays_per_side + 1)
     pieces = []
     for beams in np.array_split(np.arange(config.beams), min(count, config.beams)):
@@ -202,27 +202,34 @@ def _echoes(depths: np.ndarray, piece: _Piece, config: Lms1xxConfig) -> Tuple[np
     for _ in range(MAX_ECHOES):
         if not len(searched):
             break
-        in_echo, mean, fraction = _nearest_echo(depth, weights, config.echo_length)
+        echo: _NearestEchoes = _nearest_echoes(depth, weights, config.echo_length)
         # The lidar just detects a surface of DARK_REMISSION that fills the spot at DARK_RANGE. The light from
         # a surface falls with the square of the distance, so a nearer echo needs less.
-        least_light = DARK_REMISSION * (mean / DARK_RANGE) ** 2
-        has_light = fraction > 0.0
-        is_strong = has_light & (fraction * config.remission >= least_light)
+        least_light = DARK_REMISSION * (echo.distance / DARK_RANGE) ** 2
+        has_echo = echo.light > 0.0
+        is_strong = has_echo & (echo.light * config.remission >= least_light)
         found = searched[is_strong]
-        ranges[found] = mean[is_strong]
-        fractions[found] = np.minimum(fraction[is_strong], 1.0)
-        # The search goes on only for beams with a weak echo; a beam without light has no further echo. The
-        # rays of the weak echo do not count any more, so the next round finds the echo behind it.
-        depth[in_echo] = inf
-        is_weak = has_light & ~is_strong
+        ranges[found] = echo.distance[is_strong]
+        # the strips of a spot's rays (see `_weights`) can have 1.02 times the area of the spot
+        fractions[found] = np.minimum(echo.light[is_strong], 1.0)
+        # The search goes on only for beams with a weak echo. The rays of the weak echo do not count any more,
+        # so the next round finds the echo behind it.
+        depth[echo.has_ray] = inf
+        is_weak = has_echo & ~is_strong
         searched, depth, weights = searched[is_weak], depth[is_weak], weights[is_weak]
     return ranges, fractions
 
 
-def _nearest_echo(
-    depth: np.ndarray, weights: np.ndarray, echo_length: float
-) -> Tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the nearest echo of each beam: its rays, the mean of their distances, and its light.
+class _NearestEchoes(NamedTuple):
+    """Nearest echo of each of N beams; S rays sample the spot of a beam."""
+
+    has_ray: np.ndarray  # (N, S) true for each ray of the echo; all false if the beam has no echo
+    distance: np.ndarray  # (N,) [m] mean distance of these rays
+    light: np.ndarray  # (N,) fraction of the spot's light in this echo; 0 if the beam has no echo
+
+
+def _nearest_echoes(depth: np.ndarray, weights: np.ndarray, echo_length: float) -> _NearestEchoes:
+    """Return the nearest echo of each beam.
 
     The echo consists of the beam's shortest ray, and of the rays that are longer by at most `echo_length`.
 
@@ -230,26 +237,23 @@ def _nearest_echo(
         depth: distances of the rays of N beams (N, S) [m]; inf for a ray that does not count.
         weights: fraction of the light of its spot that each ray carries (N, S).
         echo_length: largest difference of the distances in an echo [m].
-
-    Returns:
-        True for the rays of the echo (N, S), mean distance (N,) [m], and fraction of the spot's light (N,).
-        If a beam has no echo, all its rays have False, and its fraction is 0.
     """
     # the limit FARTHEST keeps a ray of inf out of the echo, also if all rays of the beam are inf
     longest = np.minimum(depth.min(axis=1) + echo_length, FARTHEST)
-    in_echo = depth <= longest[:, None]
-    light = np.where(in_echo, weights, 0.0)
-    fraction = light.sum(axis=1)
+    has_ray = depth <= longest[:, None]
+    light_of_rays = np.where(has_ray, weights, 0.0)
+    light = light_of_rays.sum(axis=1)
     # mean of the distances, weighted by the light; 1e-12 avoids a division by zero
-    mean = (light * np.where(in_echo, depth, 0.0)).sum(axis=1) / np.maximum(fraction, 1e-12)
-    return in_echo, mean, fraction
+    distance = (light_of_rays * np.where(has_ray, depth, 0.0)).sum(axis=1) / np.maximum(light, 1e-12)
+    return _NearestEchoes(has_ray, distance, light)
 
 
 def _weights(depths: np.ndarray, offsets: np.ndarray, config: Lms1xxConfig) -> np.ndarray:
     """Return the fraction of its spot's light that each ray carries, (N, S); 0 outside of the spot.
 
     Args:
-        depths: distances at which the rays meet a surface (N, S) [m], inf for a miss.
+        depths: distances at which the rays meet a surface (N, S) [m]; inf for a ray that misses, whose light
+            does not come back.
         offsets: angles of the rays relative to the beam (S,) [rad].
         config: size and divergence of the spot.
     """
