@@ -31,7 +31,8 @@ FALL_DEPTH = 10.0  # [m] a robot this far below the floor on which it was put ha
 # [m] largest drop that is searched, which is twice the greatest height that the simulator accepts
 _SEARCH_DEPTH = 2e4
 # [m] The pose at which a robot shall stand may be inside a low slab, such as asphalt. If the top of the slab
-# is at most this height above the pose, the robot is put on the slab. The robot's hull is higher than this.
+# is at most this height above the pose, the robot is put on the slab. A slab of this height does not reach
+# the robot's hull.
 MAX_SLAB = 0.12
 # [m] if the pose is inside a thicker floor, the top of the floor is searched up to this height above the pose
 MAX_RISE = 5.0
@@ -47,18 +48,18 @@ _MIDDLE_POINTS = (
     (0.0, -_WHEEL_REACH),
     (0.0, _WHEEL_REACH),
 )
-# [m] a body around the pose is a floor if it reaches at least this far along x and y; a smaller body is an
-# obstacle, on which the robot is not put
+# [m] If the pose is inside a body, this body is a floor if it reaches from the pose at least this far along x
+# and y. A smaller body is an obstacle, on which the robot is not put.
 _FLOOR_REACH = 1.0
 _RISE_STEP = 0.1  # [m] step of the search for the top of a floor
 _LEVEL_TOLERANCE = 1e-3  # [m] a floor is level if its heights differ by less than this
 # [m] if the heights under the wheels differ by less than this, the floor is uneven ground, such as a terrain
 # or a ramp; if they differ by more, the robot is at the edge of a floor
 _MAX_UNEVENNESS = 0.3
-# points of the robot's outline [m] at which the highest point of uneven ground is searched
-_OUTLINE = [(0.1 * i, 0.1 * j) for i in range(-5, 6) for j in range(-4, 5)]
+# points (x, y) under the robot [m], a grid, at which the highest point of uneven ground is searched
+_POINTS_UNDER_ROBOT = [(0.1 * i, 0.1 * j) for i in range(-5, 6) for j in range(-4, 5)]
 # [m] on uneven ground, the robot is put this much above the highest of those points, because the ground may
-# be higher between them
+# be higher between the points
 _CLEARANCE = 0.02
 _LOOKING_DOWN = quat_from_rpy(0.0, pi / 2.0, 0.0)
 
@@ -126,10 +127,12 @@ def floor_height(scene: RayScene, pose_on_ground: Pose) -> float:
     ray_height, drops = _drops_at_wheels(scene, pose_on_ground)
     # [m] height of the floor under the first wheel; -inf if this wheel has no body below it
     height = ray_height - drops[0]
-    if height < 0.0:
-        # The robot would be put lower than the pose. If an object stands on the lower floor between the
-        # wheels, the robot's hull would come down into the object. So the drops in the middle count, too. The
-        # drop to an object is shorter than the drops at the wheels, so the floor counts as uneven.
+    is_put_lower = height < 0.0
+    if is_put_lower:
+        # An object that stands on the lower floor between the wheels would be inside the robot's hull there,
+        # but not at the pose. The drop to such an object is shorter than the drops at the wheels. So with the
+        # drops in the middle, this floor counts as uneven. If the robot is not put lower, an object between
+        # the wheels is in its way at the pose, too, and causes a PlacementError later.
         drops += _drops(scene, pose_on_ground, _MIDDLE_POINTS, ray_height)
     if not _all_meet_floor(drops):
         return 0.0
@@ -137,7 +140,9 @@ def floor_height(scene: RayScene, pose_on_ground: Pose) -> float:
     if unevenness >= _MAX_UNEVENNESS:
         return 0.0  # the pose is at the edge of a floor, or above a high object
     if unevenness >= _LEVEL_TOLERANCE:
-        height_of_highest_point = ray_height - min(_drops(scene, pose_on_ground, _OUTLINE, ray_height))
+        height_of_highest_point = ray_height - min(
+            _drops(scene, pose_on_ground, _POINTS_UNDER_ROBOT, ray_height)
+        )
         return height_of_highest_point + _CLEARANCE
     # if the pose is on the floor except for rounding, the result is 0, so that the pose stays as it is
     return height if abs(height) > _LEVEL_TOLERANCE else 0.0
