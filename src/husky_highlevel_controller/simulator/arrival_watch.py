@@ -17,7 +17,8 @@ from husky_highlevel_controller.footprint import Footprint
 from husky_highlevel_controller.geometry import compose, pose_to_2d, rotate
 
 STANDING_TIME = 0.5  # [s] time for which a robot must stand at a pillar to count as arrived
-# [m] after the gap to the pillar was larger than this, the robot can arrive at the same pillar again
+# [m] The robot has left a pillar if the gap between them is larger than this. Then it can arrive at this
+# pillar again.
 AWAY = 1.0
 PERIOD = 0.5  # [s] simulated time between two checks whether the robot has left the pillar
 # [rad] a cylinder that is tilted by more than this, because the robot has pushed it over, is not a pillar
@@ -55,7 +56,7 @@ class ArrivalWatch:
         self._stands_since = inf  # [s] stamp of the stop; inf while the robot moves
         # name of the last pillar at which the robot has arrived; None after the robot has left this pillar
         self._arrived_at: Optional[str] = None
-        # [s] earliest time of the next check whether the robot has left that pillar
+        # [s] earliest time of the next check whether the robot has left the pillar `_arrived_at`
         self._next_check = -inf
 
     def update(self, state: TrueState, pillars: Callable[[], Iterable[PillarPlace]]) -> Optional[Arrival]:
@@ -68,7 +69,7 @@ class ArrivalWatch:
         is_moving = max(abs(state.speed), abs(state.yaw_rate)) > STANDS
         if is_moving:
             self._has_driven, self._stands_since = True, inf
-            # until the robot is AWAY from its last pillar, another stop there is not another arrival
+            # until the robot has left its last pillar, another stop there is not another arrival
             if self._arrived_at is not None and state.stamp >= self._next_check:
                 self._next_check = state.stamp + PERIOD
                 last_pillar = [pillar for pillar in pillars() if pillar.name == self._arrived_at]

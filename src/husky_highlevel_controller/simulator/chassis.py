@@ -27,9 +27,11 @@ LOAD_SMOOTHING = 0.02
 # wheel bumps into an object.
 SUPPORT_SLOPE = 0.5
 CONTACT_DEPTH = 0.003  # [m] a contact point farther than this from the surface of a tyre is not on the tyre
-# coefficient of friction of contacts on the hull; two bodies with Bullet's defaults have the same coefficient
+# coefficient of friction of contacts on the hull, as between other bodies: Bullet multiplies the coefficients
+# of the two bodies, which are 0.5 by default
 HULL_FRICTION = 0.25
-# [m/s] below this speed, friction grows with the speed (viscous), so that steps of 5 ms are stable
+# [m/s] If the hull slides over an object more slowly than this, its friction grows with the speed (viscous).
+# Otherwise the simulation would not be stable with steps of 5 ms.
 HULL_SLIP_SPEED = 0.1
 
 # contact on the hull in base_link: point [m], unit normal, and force along the normal [N]
@@ -58,7 +60,7 @@ class Chassis:
     def place(self, pose_base_in_world: Pose, gravity: Vector3) -> None:
         """Add the robot to a Bullet world in which there is no robot."""
         self._gravity = gravity
-        # [rad] angles of the wheels since the start, also beyond one turn
+        # [rad] angles by which the wheels have turned since the start; they grow beyond 2 pi
         self._wheel_angles = [0.0] * len(self._robot.wheels)
         self._bullet.add_robot(self._robot, pose_base_in_world)
         self._reset_contacts()

@@ -16,8 +16,9 @@ from typing import Callable, Dict, Iterator, NamedTuple, Optional, Set, Tuple
 # [s] when this time has passed since the first command that moves the robot, the rate of its sender is
 # reported
 RATE_TIME = 1.0
-# A gap is the time from one command of a sender to its next command. A sender is slow if this number of its
-# gaps, one directly after the other, were so long that the command expired before the next one came.
+# A gap is the time from one command of a sender to its next command. A gap is slow if the first of these two
+# commands expired in this time. A sender is slow if it has this number of slow gaps without another gap
+# between them.
 SLOW_GAPS = 8
 # [s] a longer gap is a pause and does not count, because a person may be pressing keys
 LONGEST_GAP = 3.0
@@ -60,8 +61,7 @@ class _Sender:
     # rate of the sender is measured from there.
     moves_since: Optional[float] = None
     moves_count: int = 0  # number of commands after `moves_since`
-    # [s] lengths of the last gaps between commands, if the command before each gap expired in it. A command
-    # that comes in time empties the list.
+    # [s] lengths of the last slow gaps, see SLOW_GAPS. A command that comes in time empties the list.
     slow_gaps: Tuple[float, ...] = ()
     # [s] stamp of the first command that was blocked by another topic; None if the last command was not
     # blocked

@@ -23,8 +23,8 @@ from husky_highlevel_controller.simulator.simulator_config import ODOMETRY_RATE,
 
 # Each sensor has a random generator (stream) for its own noise, so that no sensor changes the noise of
 # another sensor. The generators come from one seed and from these numbers, as the spawn key of NumPy's
-# SeedSequence. The lidar is the oldest sensor and has no number, so that its noise stayed the same when the
-# others came.
+# SeedSequence. The lidar has no number, because its generator comes from the seed alone. If it had one, a
+# seed would give other noise of the lidar than in older versions.
 LIDAR_STREAM = None
 IMU_STREAM = 1  # number of the random generator for the IMU's noise, see LIDAR_STREAM
 GPS_STREAM = 2  # number of the random generator for the noise of the GPS

@@ -5,8 +5,9 @@ In: velocity commands and the time. Out: the wheels' speeds.
 Sources: husky_base 0.6.10 (Noetic, repository husky_robot) runs its control loop at 10 Hz. If one side would
 exceed 1.0 m/s, it scales both sides (limitDifferentialSpeed), so that the curve keeps its radius. The lag
 comes from a measurement (norlab-ulaval/DRIVE): after a step of the command, the wheels of a Husky need 0.7 s
-from 10 % to 90 % of the step, at 2.0 m/s^2. A lag of 0.29 s and the drive's own limit of 3.0 m/s^2 give both
-values. The encoders measure speeds in whole cm/s (BorealTC).
+from 10 % to 90 % of the step, and accelerate by at most 2.0 m/s^2. With a lag of 0.29 s and the drive's own
+limit of 3.0 m/s^2, the simulated wheels need the same time and accelerate as fast. The encoders measure
+speeds in whole cm/s (BorealTC).
 """
 
 from __future__ import annotations

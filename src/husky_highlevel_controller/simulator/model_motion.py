@@ -3,7 +3,7 @@
 In: poses and velocities in one frame. Out: the same motion in another frame.
 
 A request to Gazebo's services get_model_state and set_model_state may name a reference frame: another model,
-which may move itself.
+which may be moving.
 """
 
 from __future__ import annotations

@@ -9,8 +9,8 @@ from __future__ import annotations
 
 from typing import Optional
 
-# [s] If simulated time lags behind its pace by at least this, the machine is too slow. After a shorter lag,
-# the steps come without waiting until the pace is reached again.
+# [s] If a step is late by at least this wall time, the machine is too slow, and the pace starts over. If a
+# step is less late, the next steps follow without waiting until they are in time again.
 MAX_LAG = 0.5
 
 

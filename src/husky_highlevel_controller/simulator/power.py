@@ -14,7 +14,7 @@ to the 18 A on hard ground; with it, the model is within 10 % of the 23 A on loa
 
 The battery has the data sheet's 480 Wh (two sealed 12 V lead-acid batteries of 20 Ah). Its voltages and
 resistance, the electronics' current and all temperatures are plausible values, which were not measured.
-Drivers and motors become warm with the square of the current.
+The temperatures of drivers and motors rise in proportion to the square of the current.
 
 The model replaces the battery and the motors of a real Husky, whose values husky_base 0.6.10 (Noetic,
 repository husky_robot) reports in husky_msgs/HuskyStatus. No test runs the original, which needs a robot.
@@ -36,7 +36,8 @@ RESISTANCE = 0.04  # [Ohm] resistance of the battery and its wires
 ELECTRONICS_CURRENT = 1.5  # [A] current of the controller and of connected devices
 AMBIENT_TEMPERATURE = 20.0  # [deg C]
 HEATING_TIME = 600.0  # [s] time constant with which motor drivers and motors become warm
-DRIVER_HEAT, MOTOR_HEAT = 0.06, 0.15  # [K/A^2] rise of the temperature after a long time, per squared current
+# [K/A^2] difference from AMBIENT_TEMPERATURE after a long time, divided by the squared current of the motor
+DRIVER_HEAT, MOTOR_HEAT = 0.06, 0.15
 
 
 @dataclass(frozen=True)

@@ -6,12 +6,13 @@ In: nothing. Out: `RobotProfile`, `Ground`.
 real robot's drivers. config/robot_profile.yaml has the same numbers, and a test compares them.
 
 The values of the grounds come from measurements (BorealTC, LaRocque et al. 2024, arXiv 2403.16877;
-norlab-ulaval/DRIVE). In a turn in place, a robot whose wheels skid is as slow as a robot whose wheels only
-roll, but whose track (the distance between left and right wheels) is chi times as large. chi is
-1 + ratio (wheelbase / track)^2, with the ratio of sideways to lengthwise grip (see `traction.py`). It does
-not depend on the strength of the grip. On flooring, chi was measured as 1.74, so the ratio is 0.92. On sandy
-loam, chi was measured as 2.13, so the ratio is 1.40, because sunken wheels push soil aside. Both grounds have
-the friction of the URDF, because no measurement contradicts this value.
+norlab-ulaval/DRIVE). If a robot turns in place, its wheels skid, so it turns more slowly than its wheels
+would turn it without skidding. It is as slow as a robot without skidding whose track (the distance between
+left and right wheels) is chi times as large. chi is 1 + ratio (wheelbase / track)^2, with the ratio of
+sideways to lengthwise grip (see `traction.py`). It does not depend on the strength of the grip. On flooring,
+chi was measured as 1.74, so the ratio is 0.92. On sandy loam, chi was measured as 2.13, so the ratio is 1.40,
+because sunken wheels push soil aside. Both grounds have the friction of the URDF, because no measurement
+contradicts this value.
 """
 
 from __future__ import annotations

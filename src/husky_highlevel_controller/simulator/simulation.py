@@ -199,7 +199,7 @@ class Simulation:
 
     def set_stamp(self, stamp: float) -> None:
         """Continue from this simulated time [s], rounded to a step. A time before now changes nothing."""
-        steps = round(stamp * self._physics_rate)  # the sum of both step counts that gives this time
+        steps = round(stamp * self._physics_rate)  # number of steps at this time, the sum of both step counts
         self._steps_before_reset = max(self._steps_before_reset, steps - self._steps_since_reset)
 
     @property

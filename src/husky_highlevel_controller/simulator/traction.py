@@ -23,12 +23,12 @@ wheel would roll without slip, so that s = J u+ - v_tread:
 
     (M + dt sum J'kJ) u+ = M u + dt (sum J'k v_tread + external - M w x u)
 
-The term M w x u is needed because base_link turns by w dt during the step: a velocity that is constant in the
-world turns back in base_link.
+The term M w x u is needed because base_link turns by w dt during the step, so a velocity that is constant in
+the world has another direction in base_link after the step.
 
 k also depends on the slip after the step, so k is improved in a few rounds; at steady speed, the first round
-is enough. If k came from the slip before the step, a drive of 60 s with changing commands at 200 Hz would end
-0.10 m from the same drive at 2000 Hz; now the distance is 0.01 m.
+is enough. Two drives of 60 s with the same changing commands, at 200 Hz and at 2000 Hz, end 0.01 m from each
+other. If k came from the slip before the step, they would end 0.10 m from each other.
 
 This model agrees to within 5 % with the published wheel_separation_multiplier of 1.875, which was found on
 real ground. If the robot turns in place, lengthwise and sideways forces balance at an effective track of

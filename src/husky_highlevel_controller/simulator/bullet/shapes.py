@@ -16,8 +16,8 @@ from husky_highlevel_controller.datatypes import Box, Cylinder, Geometry, Sphere
 from husky_highlevel_controller.geometry import transform_point
 from husky_highlevel_controller.meshes import volume_of
 
-# [m^3] least volume of a mesh. The centre of mass is a mean weighted by volumes, so it could not be computed
-# for a flat mesh, whose volume is 0.
+# [m^3] A mesh with a smaller volume counts with this volume. The centre of mass is a mean weighted by
+# volumes, so it could not be computed for a flat mesh, whose volume is 0.
 _LEAST_VOLUME = 1e-9
 
 

@@ -138,7 +138,7 @@ def _unit_of(document: ElementTree.Element) -> float:
     """Return the length of a COLLADA file's unit [m]; 1 m if the file states no valid unit."""
     unit = document.find("{*}asset/{*}unit")  # {*} is any XML namespace
     length = float("nan" if unit is None else unit.get("meter", "nan"))
-    return length if 0.0 < length < float("inf") else 1.0  # nan fails this comparison, too
+    return length if 0.0 < length < float("inf") else 1.0  # the comparison is false for nan
 
 
 def _parts_of(scene: Any, part: str) -> Tuple[np.ndarray, np.ndarray]:

@@ -1,4 +1,4 @@
-"""Robot description of a user's own, and whether the simulator can use it instead of the robot's.
+"""Choice between a user's own robot description and the description from a launch file's arguments.
 
 In: URDF texts. Out: the text that the simulator uses, and a warning for the user.
 """
@@ -15,7 +15,8 @@ from husky_highlevel_controller.urdf import DescriptionError
 
 # environment variable that names the parameter with the user's own robot description
 VARIABLE = "HUSKY_SIMULATOR_DESCRIPTION"
-# environment variable with the name that the robot gets in Gazebo, from the arguments of spawn_model
+# environment variable with the robot's name in Gazebo's topics and services; spawn_model sets it from its
+# argument `-model`
 MODEL_VARIABLE = "HUSKY_SIMULATOR_MODEL"
 
 

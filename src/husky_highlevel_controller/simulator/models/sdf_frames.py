@@ -41,7 +41,7 @@ class FrameScope:
     @cached_property
     def _models(self) -> Dict[str, Model]:
         """Models directly in this world or model, by name; of several models with one name, the first."""
-        # later entries replace earlier ones in a dictionary, so the first model must come last
+        # a dictionary keeps the last entry of each name, so the models are taken from the last to the first
         return {model.name: model for model in reversed(list(models_in(self.holder)))}
 
     @cached_property

@@ -43,7 +43,7 @@ class Model(NamedTuple):
     include: Optional[Node] = None  # <include> that adds the model; None if there is no <include>
 
     def child(self, tag: str) -> Optional[Node]:
-        """Return the first child with a tag in the <include>; if it has none, the first in the <model>.
+        """Return the first child with a tag, from the <include> if it has one, otherwise from the <model>.
 
         So an <include> can replace the pose and other values of the model that it includes.
         """

@@ -45,8 +45,8 @@ Value = TypeVar("Value")
 class Load:
     """State while one world or model is read: files, names that are in use, and notes for warnings."""
 
-    # For each sentence of a warning, the places in the file that it is about. The keys are ids of elements,
-    # so that an element that is read twice is named only once.
+    # For each sentence of a warning, the places in the file that the sentence is about. Each place is stored
+    # under the id of its element, so that an element that is read twice is named only once.
     notes: Dict[str, Dict[int, str]] = field(default_factory=dict)
     names: Set[str] = field(default_factory=set)  # names of models and bodies that are already used
     files: Dict[str, Node] = field(default_factory=dict)  # element <sdf> of each model file, by path
@@ -57,9 +57,9 @@ class Load:
     meshes: MeshFiles = field(default_factory=MeshFiles)
     # number of models in the world, also of models that are left out; ground planes do not count
     model_count: int = 0
-    # number of shapes and models that are left out, although the lidar would see them. A <visual> counts,
-    # too, although the lidar would not see it. The number need not be exact, because it is only compared
-    # with 0.
+    # number of shapes and models that are left out, for the warning that the lidar sees nothing. A <visual>
+    # counts, too, although the lidar never sees a <visual>. The number need not be exact, because it is only
+    # compared with 0.
     missed_by_lidar: int = 0
     include_count: int = 0  # number of included models so far; a model that is included twice counts twice
 

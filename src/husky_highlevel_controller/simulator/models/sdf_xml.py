@@ -28,7 +28,7 @@ _LOOSE = re.compile(
 _DECLARATION = re.compile(rb"(\s+)(<\?xml\s[^>]*\?>)")  # space, and the declaration behind it
 # declaration of an encoding that is not UTF-8
 _OTHER_ENCODING = re.compile(rb"<\?xml\s[^>]*?encoding\s*=\s*[\"'](?!utf-?8[\"'])", re.IGNORECASE)
-_UTF_16 = re.compile(rb"\xff\xfe|\xfe\xff|<\0|\0<")  # byte order mark, or `<` in two bytes
+_UTF_16 = re.compile(rb"\xff\xfe|\xfe\xff|<\0|\0<")  # byte order mark, or `<` beside a NUL byte
 
 
 class WorldError(HuskyError):

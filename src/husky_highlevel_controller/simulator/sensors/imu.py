@@ -6,12 +6,13 @@ Specific force is what an accelerometer measures: the acceleration minus gravity
 upwards.
 
 The Husky's plugin measures at base_link's origin, and its messages name that frame, although its imu_link is
-0.19 m further ahead. The SMB's plugin measures at its imu_link. There the centripetal acceleration of a turn
-is added.
+0.19 m further ahead. The SMB's plugin measures at its imu_link, which is away from base_link's origin, so its
+samples contain the centripetal acceleration of a turn.
 
 The magnetic field is the field at 49.9 N 8.9 E, the place of the world (IGRF, rounded): 20.4 uT north, 1.3 uT
-east, 44.7 uT down. The world's x points east, as for the satellite receiver. The robot's own steel and
-currents bend a real reading by some degrees; they are left out, because they are not known.
+east, 44.7 uT down. The world's x points east, as for the satellite receiver. On a real robot, its steel and
+its currents change the direction of the field by some degrees. This is left out, because the values are not
+known.
 """
 
 from __future__ import annotations
@@ -75,7 +76,7 @@ class Imu:
     def sample(self, state: RobotState, stamp: float) -> ImuSample:
         """Return the sample at `stamp` [s], one period after the last sample."""
         attitude, config = state.pose_in_world.quat_xyzw, self._config
-        # velocity of the IMU: v + w x r; `minus` with the factor -1 adds
+        # velocity of the IMU: v + w x r; `minus` returns a - factor * b, so the factor -1 makes a sum
         velocity_by_turning = cross(state.angular_velocity_in_base, self._position_in_base)
         velocity_in_base = minus(state.velocity_in_base, velocity_by_turning, -1.0)
         velocity_in_world = rotate(attitude, velocity_in_base)

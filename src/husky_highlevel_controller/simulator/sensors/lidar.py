@@ -2,7 +2,7 @@
 
 In: the robot's true pose, a function that casts rays, a random generator. Out: a `Scan`.
 
-Misses and too close returns follow gazebo_ros_laser and REP 117.
+Beams that meet nothing, or a body that is too near, get the ranges of gazebo_ros_laser and REP 117.
 """
 
 from __future__ import annotations

@@ -1,8 +1,9 @@
 """Planar scan of a point cloud: the nearest point in each direction.
 
 This module replaces pointcloud_to_laserscan 1.4 (Noetic), together with `ros/simulator/points_to_scan.py`,
-the script points_to_scan and `compat/pointcloud_to_laserscan`. `test_points_to_scan.py` compares the ranges
-with the original's rules, point by point. No test runs the original, which Debian does not have.
+the script points_to_scan and `compat/pointcloud_to_laserscan`. `test_points_to_scan.py` computes the same
+ranges with the original's rules, one point after the other. No test runs the original, which Debian does not
+have.
 """
 
 from __future__ import annotations

@@ -2,10 +2,11 @@
 
 In: a mesh at a pose, the pose of the laser, its beams. Out: distances along the beams.
 
-All beams lie in one plane, the scan plane. It cuts each triangle that has corners on both sides of the plane
-in a line segment, and beams can meet the mesh only on these segments. So a scan computes the height of each
-corner over the scan plane, and then meets its beams with the few segments. The time grows with the number of
-corners, not with beams times triangles, so no search tree is needed.
+All beams lie in one plane, the scan plane. If a triangle has corners on both sides of this plane, the
+triangle and the plane share a line segment. Beams can meet the mesh only on these segments. So a scan
+computes the height of each corner over the scan plane, and then the points where its beams meet the few
+segments. The time grows with the number of corners, not with beams times triangles, so no search tree is
+needed.
 """
 
 from __future__ import annotations

@@ -2,15 +2,16 @@
 
 In: an IMU, the robot's true motion, a random generator. Out: an `ImuSample`.
 
-The values were measured on a Husky A200 (BorealTC, LaRocque et al. 2024, arXiv 2403.16877) at 100 Hz; the
-mean of each two samples is used. For a ground and a mean wheel speed v, this table has the standard
-deviations of ax, ay and az [m/s^2], and of the rates [rad/s]. Each is the median over the seconds of steady
-driving.
+The values were measured on a Husky A200 (BorealTC, LaRocque et al. 2024, arXiv 2403.16877) at 100 Hz, and
+averaged in pairs to 50 Hz. For a ground and a mean wheel speed v, this table has the standard deviations of
+ax, ay and az [m/s^2], and of the rates [rad/s]. Each is a median: the standard deviation was computed for
+each second of steady driving.
 
     flooring 0.11 m/s: 0.5 0.5 0.2, 0.01      ice 0.30 m/s: 0.9 0.6 0.3, 0.01
     flooring 0.28 m/s: 0.9 0.8 0.4, 0.02      ice 0.60 m/s: 1.1 1.3 0.45, 0.02
     asphalt 0.27 m/s: 0.9 1.0 0.35, 0.02      loam 0.30 m/s: 1.45 1.3 0.5, 0.05
-    asphalt 0.57 m/s: 2.0 1.8 0.7, 0.03       snow 0.12, 0.28 m/s: 2.1, 1.1 2.0, 0.7 1.0, 0.3, 0.03
+    asphalt 0.57 m/s: 2.0 1.8 0.7, 0.03       snow 0.12 m/s: 2.1 2.0 1.0, 0.03
+                                              snow 0.28 m/s: 1.1 0.7 0.3, 0.03
 
 On hard ground, the vibration is about proportional to v up to 0.6 m/s, the fastest measured speed. On soft
 ground, the vibration does not grow above 0.3 m/s. Nothing is known about faster robots, so here the vibration
