@@ -6,7 +6,7 @@ In: rosgraph_msgs/Log, and rosout's file with earlier lines. Out: HTML.
 from __future__ import annotations
 
 import re
-from collections import Counter, deque
+from collections import deque
 from datetime import datetime, timezone
 from html import escape
 from typing import Any, Deque, Dict, Iterable, List, NamedTuple, Optional
@@ -99,21 +99,11 @@ class LogBuffer:
     def select(self, condition: Filter) -> List[LogRow]:
         """Return the newest lines that pass, newest first, as many as a page can show.
 
-        Lines of a node that differ only in their numbers are one row with the newest line, unless a text is
-        searched.
+        If a text is searched, each line is a row of its own. Otherwise, lines of a node that differ only in
+        their numbers are one row.
         """
-        # number of lines, and newest line, of each row of the shown log; a dictionary keeps the order in
-        # which the rows were added, so the row with the newest line comes first
-        counts: Counter[Any] = Counter()
-        newest_lines: Dict[Any, Line] = {}
-        for number, line in enumerate(reversed(list(self._lines))):
-            if condition.passes(line):
-                without_numbers = (line.level, line.node, _NUMBER.sub("#", line.text))
-                # key of the line's row; if a text is searched, each line has a row of its own
-                key = number if condition.text else without_numbers
-                newest_lines.setdefault(key, line)
-                counts[key] += 1
-        rows = [LogRow(line, counts[key]) for key, line in newest_lines.items()]
+        lines = [line for line in reversed(list(self._lines)) if condition.passes(line)]
+        rows = [LogRow(line, 1) for line in lines] if condition.text else _grouped(lines)
         shown: List[LogRow] = []
         letters = 0
         for row in rows[:SHOWN]:
@@ -122,6 +112,16 @@ class LogBuffer:
                 break
             shown.append(row)
         return shown
+
+
+def _grouped(lines: Iterable[Line]) -> List[LogRow]:
+    """Return a row for each group of lines that differ only in their numbers; all newest first."""
+    rows: Dict[Any, LogRow] = {}  # a dictionary keeps the order in which the rows were added
+    for line in lines:
+        key = (line.level, line.node, _NUMBER.sub("#", line.text))
+        row = rows.get(key, LogRow(line, 0))  # the first line of a group is its newest line
+        rows[key] = row._replace(times=row.times + 1)
+    return list(rows.values())
 
 
 def lines_of_rosout(text: str) -> List[Line]:

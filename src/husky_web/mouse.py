@@ -176,7 +176,8 @@ class Drag:
             self._grasp = tuple(float(value) for value in event.start_position)
             # the slope of the ray at the start decides on the plane, which stays the same until the end of
             # the drag
-            self._is_level = eye[2] - self._grasp[2] > STEEP * dist(eye[:2], self._grasp[:2])
+            height, distance = eye[2] - self._grasp[2], dist(eye[:2], self._grasp[:2])
+            self._is_level = height > STEEP * distance
         # direction from the camera to the point at which the mouse is now
         ray = [float(a) - b for a, b in zip(event.end_position, eye)]
         if self._is_level:
