@@ -80,7 +80,7 @@ class SharedReceiver:
     def _remove(self, descriptor: int, connection: TCPROSTransport) -> None:
         """Remove a connection, unless a new connection already has its descriptor.
 
-        This is so if another thread has closed the socket. Then a new socket may get the same descriptor.
+        If another thread has closed the socket, a new socket may have got the same descriptor.
         """
         with self._lock:
             if self._connections[descriptor][0] is connection:

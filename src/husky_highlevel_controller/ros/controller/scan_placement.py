@@ -187,7 +187,7 @@ class ScanPlacement:
         transform = self._at_stamp(pending.stamp, latest)
         if transform is None and latest is not None:
             if self._may_still_come(pending.stamp, latest.header.stamp, overdue):
-                return None
+                return None  # the scan waits
             transform = self._unless_old(pending.stamp, latest)
         base_in_odom = pose_to_2d(pose_from_transform(transform)) if transform else None
         return Observation(

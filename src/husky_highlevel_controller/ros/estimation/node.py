@@ -107,7 +107,7 @@ class LocalizationNode:
         # [s] wall time of the first message of any input; 0 before this message
         self._first_heard_at = 0.0
         self._heard_inputs: Set[str] = set()  # inputs that have sent any message
-        # [s] wall time of the last usable message of each input; only of inputs whose messages are usable
+        # [s] wall time of the last usable message, by input; an input whose messages are held has no entry
         self._used_at: Dict[str, float] = {}
         # inputs with a message whose thread waits for `_lock`; these inputs are not silent
         self._arriving_inputs: Set[str] = set()

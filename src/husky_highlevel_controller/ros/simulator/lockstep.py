@@ -63,7 +63,7 @@ class Lockstep:
 
     On a busy machine, such a sleep begins by chance before or after a tick of the clock. So the simulator
     watches the listeners (`_Watch`): at each tick and after each answer, it waits until none of their threads
-    runs. A controller that soon answers AWAKE scans in a row does not sleep, and need not be watched.
+    runs. A controller that has answered AWAKE scans in a row does not sleep, so it is no longer watched.
 
     If an answer does not come for ANSWER_TIMEOUT, lockstep ends with a warning.
     """
@@ -205,7 +205,7 @@ class Lockstep:
         if self._is_watching:
             again()
             self._wait_until_idle(meanwhile)
-        if self._has_commanded_at_tick() and self._watch is _Watch.UNTIL_ANSWERS:
+        if self._watch is _Watch.UNTIL_ANSWERS and self._has_commanded_at_tick():
             self._watch = _Watch.ALWAYS
 
     def _has_commanded_at_tick(self) -> bool:

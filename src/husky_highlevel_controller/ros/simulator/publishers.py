@@ -171,9 +171,9 @@ class Publishers:
         three for its answer to a scan, so it can begin early. `on_clock` is called after the message on
         /clock was sent.
         """
-        # the simulation also measures odometry for each scan, but the robot's state is not published then
+        # a snapshot with a scan always has odometry, but the robot's state is published only at some steps
         is_state_due = snapshot.step % self.state_steps == 0
-        odometry = snapshot.odometry if is_state_due else None
+        odometry = snapshot.odometry if is_state_due else None  # None if the state is not published now
         is_tick = odometry is not None or snapshot.scan is not None  # true if this step publishes /clock
         if odometry is not None:
             self.truth_log.write(snapshot)  # must come before /clock
