@@ -159,15 +159,16 @@ def checker(look: Look) -> Tuple[np.ndarray, np.ndarray]:
             limits += [metre - LINE, metre + LINE]
         else:
             limits.append(metre)
-    low, high = np.array(limits[:-1]), np.array(limits[1:])
+    low, high = np.array(limits[:-1]), np.array(limits[1:])  # lower and upper limit of each column
     is_line = high - low < 0.5  # a line is 2 * LINE wide, and another column is about 1 m wide
     # (N,) arrays with a number for each quad, row by row; (x0, y0) is the corner of the quad with the
     # smallest x and y, and (x1, y1) is the opposite corner
     x0, y0 = _all_pairs(low)
     x1, y1 = _all_pairs(high)
-    is_in_line = np.logical_or(*_all_pairs(is_line))
-    x, y, z = (x0 + x1) / 2.0, (y0 + y1) / 2.0, 0.0 * (x0 + x1)  # centre of each quad
-    colors = _checker_colors(look, x, y, is_in_line)
+    is_column_line, is_row_line = _all_pairs(is_line)
+    center_x, center_y = (x0 + x1) / 2.0, (y0 + y1) / 2.0
+    colors = _checker_colors(look, center_x, center_y, is_column_line | is_row_line)
+    z = np.zeros_like(x0)  # the ground is level
     corners = np.array([(x0, y0, z), (x1, y0, z), (x1, y1, z), (x0, y1, z)])
     # the axes (corner, coordinate, quad) become (quad, corner, coordinate); the four corners of a quad get
     # the colour of the quad

@@ -280,15 +280,14 @@ class DriveTab:
             return ControllerStatus(STOPPED)
         if self._is_start_requested and self._state == STOPPED:
             return ControllerStatus(STARTED)
-        level, sentence = 0, ""
-        for name, light in self._lights.items():
-            if self._is_of_controller(name):
-                level, sentence = light.level, light.message
-                break
+        lights = [light for name, light in self._lights.items() if self._is_of_controller(name)]
+        if not lights or lights[0].level <= 0:  # no fault is known
+            return ControllerStatus(self._state)
+        level, fault = lights[0].level, lights[0].message
         if level == STALE_LEVEL:
-            # the sentence says only that a node may have ended, so it gets the controller's name
-            sentence = f"{self._controller.strip('/')}: {sentence}"
-        return ControllerStatus(self._state, level, sentence if level > 0 else "")
+            # the message says only that a node may have ended, so it gets the controller's name
+            fault = f"{self._controller.strip('/')}: {fault}"
+        return ControllerStatus(self._state, level, fault)
 
     def _start_controller(self, stop_count: int) -> str:
         """Start the controller, and return the service's sentence.
@@ -306,7 +305,7 @@ class DriveTab:
             raise HuskyError(stopped)
         sentence = self._call_start_stop(True)
         # A stop may have been requested since the check above. The controller may have got the call of this
-        # stop before the call that starts it, so it is stopped again.
+        # stop before the call that starts it, so the controller is stopped again.
         if self._stop_count != stop_count:
             self._call_start_stop(False)
             raise HuskyError(stopped)

@@ -29,7 +29,8 @@ class Numbers:
 
     def forget(self) -> None:
         """Forget all numbers, because they would be old when the next page opens."""
-        # curve of the number of scans so far over simulated time; only the rate of this curve is shown
+        # curve of the number of scans so far over simulated time [s]; the rate of this curve is the number of
+        # scans per second
         self.scans = Curve(series=1, window=RATE_WINDOW)
         # curve of simulated time [s] over wall time [s]; the rate of this curve is the real-time factor
         self.clock = Curve(series=1, window=RATE_WINDOW)
@@ -57,7 +58,6 @@ class Numbers:
             measured_speed, measured_turning = self._speeds.get("measured", UNKNOWN)
             self._curves["speed"].add(self.time, commanded_speed, measured_speed)
             self._curves["turning"].add(self.time, commanded_turning, measured_turning)
-        # the rate of `clock` is the real-time factor; the rate of `scans` is the number of scans per second
         if self.time is not None:
             self.clock.add(now, self.time)
         if topics.scan_count:  # otherwise no scan has come yet, so there is no stamp of a scan

@@ -27,9 +27,9 @@ class Recorder:
     """Buttons to record and to save, and the recording."""
 
     def __init__(self, server: viser.ViserServer, actions: Actions) -> None:
-        # `_actions` does the work of the buttons; `_is_on` is true while a run is recorded; `robot_name` is
-        # the name in the URDF, which the node sets later
-        self._actions, self._is_on, self.robot_name = actions, False, ""
+        self._actions = actions  # does the work of the buttons
+        self._is_on = False  # true while a run is recorded
+        self.robot_name = ""  # name of the robot in its URDF; the node sets it later
         self._rows: List[Row] = []  # the recording, with a row for each time
         gui = server.gui
         with gui.add_folder("Recording"):

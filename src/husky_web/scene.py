@@ -86,7 +86,7 @@ class DrawnMarker:
     """Marker in the view."""
 
     node: Any  # node of viser; its pose is the marker's pose in the fixed frame
-    placed: Optional[Marker] = None  # message that has set the pose of the node
+    placed: Optional[Marker] = None  # message that has set the pose of the node; None while it is unknown
     drawn: Optional[Marker] = None  # message that has set the parts
     appearance: Optional[Tuple[Any, ...]] = None  # shape and colours of the parts
     parts: List[Any] = field(default_factory=list)  # nodes of the marker's parts, children of `node`
@@ -407,19 +407,20 @@ class Scene:
             name = f"/markers/{quote(topic, safe='')}/{quote(namespace, safe='')}_{number}"
             drawing = DrawnMarker(self._scene.add_frame(name, show_axes=False, visible=False))
             self._drawn[key] = drawing
-        # true if this message has already given the node its pose; an invisible node has no pose yet, for
-        # example because its frame was unknown
-        is_placed = drawing.placed is marker and drawing.node.visible
-        if is_placed and not marker.frame_locked:  # only a marker that is locked to its frame moves with it
+        # only a marker that is locked to its frame moves with the frame
+        if not marker.frame_locked and drawing.placed is marker:
             return
-        drawing.placed = marker
-        stamp = marker.header.stamp.to_sec()
-        # None requests the newest pose of the frame, with which a locked marker moves; a marker without a
-        # stamp needs the newest pose, too
-        pose_time = None if marker.frame_locked or stamp == 0.0 else stamp  # [s]
-        frame = self.frames.pose(frame_of_message(marker), self.fixed_frame, pose_time)
-        pose = pose_of(marker)
-        self._show(drawing.node, None if frame is None or pose is None else compose(frame, pose))
+        stamp: Optional[float] = marker.header.stamp.to_sec()
+        if marker.frame_locked or stamp == 0.0:
+            stamp = None  # requests the newest pose of the frame
+        frame = self.frames.pose(frame_of_message(marker), self.fixed_frame, stamp)
+        pose_in_frame = pose_of(marker)
+        if frame is None or pose_in_frame is None:  # the next update tries again
+            drawing.placed = None
+            self._show(drawing.node, None)
+        else:
+            drawing.placed = marker
+            self._show(drawing.node, compose(frame, pose_in_frame))
 
     def _draw_marker(self, drawing: DrawnMarker, marker: Marker) -> None:
         """Draw a marker's parts again if it looks different from the drawing."""
