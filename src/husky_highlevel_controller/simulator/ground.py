@@ -58,8 +58,8 @@ _LEVEL_TOLERANCE = 1e-3  # [m] a floor is level if its heights differ by less th
 _MAX_UNEVENNESS = 0.3
 # points (x, y) under the robot [m], a grid, at which the highest point of uneven ground is searched
 _POINTS_UNDER_ROBOT = [(0.1 * i, 0.1 * j) for i in range(-5, 6) for j in range(-4, 5)]
-# [m] on uneven ground, the robot is put this much above the highest of those points, because the ground may
-# be higher between the points
+# [m] on uneven ground, the robot is put this much above the highest of _POINTS_UNDER_ROBOT, because the
+# ground may be higher between these points
 _CLEARANCE = 0.02
 _LOOKING_DOWN = quat_from_rpy(0.0, pi / 2.0, 0.0)
 

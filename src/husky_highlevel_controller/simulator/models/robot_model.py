@@ -172,9 +172,9 @@ def _write_wheel(
 ) -> Tuple[Wheel, Inertial]:
     """Check a wheel, write its collision shapes into base_link, and return the wheel and its inertial.
 
-    The shapes are fixed to base_link. They only carry the robot: Bullet gives them no friction, and `Chassis`
-    computes the forces that turning wheels would have on the ground. A wheel is round, so its shape need not
-    turn.
+    The shapes are fixed to base_link and do not turn. They need not turn, because a wheel is round. They only
+    carry the robot. They have no friction in Bullet, because `Chassis` computes the forces with which the
+    ground drives the robot.
 
     Args:
         base: <link> of base_link in the URDF for PyBullet, which gets the shapes.
@@ -194,7 +194,8 @@ def _write_wheel(
     _require_solid(inertial, link_label)
     collisions = _write_collisions(base, [(link, pose)])
     radius = urdf.number_of(cylinder, "radius", link_label)
-    # the flanks, whose radius is smaller by FLANK_DEPTH, must keep more than half of the wheel's radius
+    # a wheel becomes a tread and flanks, see TREAD_WIDTH. The radius of the flanks is smaller by FLANK_DEPTH,
+    # and must be more than half of the wheel's radius.
     if not radius > 2.0 * FLANK_DEPTH:
         limit = f"a wheel's radius must be more than {2.0 * FLANK_DEPTH:g} m"
         raise DescriptionError(f"{link_label}: radius {radius:g} m; {limit}")
