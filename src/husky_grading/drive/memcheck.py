@@ -53,16 +53,14 @@ _FRAME = re.compile(r"(?:at|by) 0x[0-9A-F]+: (?:.*) \((?P<file>[^()]+):(?P<line>
 _PRINTS = re.compile(r"printf|ostream|operator<<|num_put|rosconsole|ros::console|_itoa")
 _TYPE = r"(?:bool|char|int|long|short|float|double|unsigned(?: \w+)?|(?:std::)?size_t|u?int\d+_t)"
 # line that declares one or more variables of a simple type, all without a value
-_DECLARED = re.compile(
+_DECLARED_WITHOUT_VALUE = re.compile(
     rf"^[ \t]*(?:mutable |volatile )?{_TYPE}[ \t]+(\w+(?:[ \t]*,[ \t]*\w+)*)[ \t]*;", re.MULTILINE
 )
-# declaration of numbers, pointers, or classes such as tf::Vector3, which have no value unless the code gives
-# them one; the group `names` has the names of the variables, and their values
-_VARIABLE = re.compile(
-    rf"(?:(?:^|[\s:])(?:{_TYPE}\b|\w+_t\b|(?:std::array|tf2?|Eigen)\b\S*)|^\s*(?:const\s+)?[\w:<>]+\s*\*)"
-    r"(?P<names>.*)$",
-    re.DOTALL,
-)
+# numbers and classes such as tf::Vector3; their variables have no value unless the code gives them one
+_NO_DEFAULT = rf"(?:^|[\s:])(?:{_TYPE}\b|\w+_t\b|(?:std::array|tf2?|Eigen)\b\S*)"
+_POINTER = r"^\s*(?:const\s+)?[\w:<>]+\s*\*"
+# declaration of variables that may have no value; the group `variables` is a list such as `a = 1, b`
+_DECLARATION = re.compile(rf"(?:{_NO_DEFAULT}|{_POINTER})(?P<variables>.*)$", re.DOTALL)
 # words that may create memory without a value
 _MEMORY = re.compile(r"\b(?:struct|union|enum|new|malloc|alloca)\b")
 # comments and preprocessor lines
@@ -197,15 +195,12 @@ def may_be_unwritten(text: str) -> bool:
         text = re.sub(r"\([^()]*\)", IN_PARENTHESES, text)
     if _MEMORY.search(text):
         return True
+    variables: List[str] = []  # declared variables, such as "a", "a = 1", or "a(1)" with IN_PARENTHESES
     for statement in re.split(r"[;{}]", text):
-        declaration = _VARIABLE.search(statement)
-        if declaration is None:
-            continue
-        for variable in declaration["names"].split(","):
-            has_value = "=" in variable or IN_PARENTHESES in variable  # such as `a = 1` or `a(1)`
-            if not has_value:
-                return True
-    return False
+        declaration = _DECLARATION.search(statement)
+        if declaration is not None:
+            variables += declaration["variables"].split(",")
+    return any("=" not in variable and IN_PARENTHESES not in variable for variable in variables)
 
 
 def _texts(sources: Path) -> Dict[str, str]:
@@ -296,7 +291,7 @@ def _declared_without_value(texts: Dict[str, str]) -> Dict[str, Place]:
     """
     places: Dict[str, Place] = {}
     for file, text in texts.items():
-        for declaration in _DECLARED.finditer(text):
+        for declaration in _DECLARED_WITHOUT_VALUE.finditer(text):
             line = text.count("\n", 0, declaration.start(1)) + 1
             for name in re.split(r"[ \t]*,[ \t]*", declaration[1]):
                 places.setdefault(name, Place(file, line))
