@@ -12,11 +12,12 @@ import signal
 import subprocess
 import sys
 import threading
+from contextlib import contextmanager
 from multiprocessing import forkserver
 from multiprocessing.connection import Connection
 from pathlib import Path
 from types import ModuleType
-from typing import Any, Dict, Optional, Sequence
+from typing import Any, Dict, Iterator, Optional, Sequence
 
 from husky_grading.isolation.process import Process
 
@@ -25,7 +26,7 @@ MASTER, RECORDER, SIMULATOR_SETUP = (_NODES + name for name in ("master", "recor
 SIMULATOR, BAG_PLAYER = _SIMULATOR + "node", _SIMULATOR + "bag_player"
 # Python modules that run as programs of their own; each module has a function main()
 MODULES = (MASTER, RECORDER, SIMULATOR, SIMULATOR_SETUP, BAG_PLAYER)
-# lock that lets one thread at a time start a program, because each start replaces `__main__` for a moment
+# lock that lets one thread at a time replace `__main__`, which each start of a program does for a moment
 _SCRIPT_LOCK = threading.Lock()
 STDOUT, STDERR = 1, 2  # file descriptors of the output streams of each program
 _CONTEXT = multiprocessing.get_context("forkserver")
@@ -72,22 +73,17 @@ class _Child:
             handed: arguments for the function main() of the module.
         """
         import_early()  # starts the process that forks the program, if it does not run yet
-        read_end, write_end = os.pipe()  # pipe from the program's output to this process
-        self.stdout = open(read_end, "rb", buffering=0)  # noqa: SIM115 - `Process._read` closes it
-        # The forked process can only get a Connection, and not the number of a pipe's end. The end is closed
-        # here after the start, because otherwise this process would never see the end of the output.
-        with Connection(write_end) as output:
+        # pipe from the program's output to this process
+        read_descriptor, write_descriptor = os.pipe()
+        self.stdout = open(read_descriptor, "rb", buffering=0)  # noqa: SIM115 - `Process._read` closes it
+        # a Connection, because `multiprocessing` cannot send a plain file descriptor to the program
+        output = Connection(write_descriptor)
+        # The program gets a copy of `output`. Our `output` is closed after the start, because the pipe ends
+        # only when every copy is closed.
+        with output, _hidden_main_script():
             arguments = (command, env, folder, output, handed)
             self._process = _CONTEXT.Process(target=_run, args=arguments, daemon=True)
-            with _SCRIPT_LOCK:
-                script = sys.modules["__main__"]
-                # An empty module takes the place of the main module during the start. Otherwise the child
-                # process would run our main script again.
-                sys.modules["__main__"] = ModuleType("__main__")
-                try:
-                    self._process.start()
-                finally:
-                    sys.modules["__main__"] = script
+            self._process.start()
         # the id of a started process is never None; `or 0` tells this to mypy
         self.pid = self._process.pid or 0
 
@@ -113,6 +109,18 @@ class _Child:
         self._process.join(timeout)
         if self.poll() is None:
             raise subprocess.TimeoutExpired(self._process.name, timeout)
+
+
+@contextmanager
+def _hidden_main_script() -> Iterator[None]:
+    """Put an empty module in the place of our main script; otherwise a child process would run it again."""
+    with _SCRIPT_LOCK:
+        script = sys.modules["__main__"]
+        sys.modules["__main__"] = ModuleType("__main__")
+        try:
+            yield
+        finally:
+            sys.modules["__main__"] = script
 
 
 def _run(
