@@ -72,7 +72,7 @@ class Watch:
 
     # types of the messages of the submission that the recorder passes to `on_message`
     follows: FrozenSet[str] = frozenset()
-    reads_scans = True  # true if the recorder needs the scans in this exercise
+    reads_scans = True  # false in exercise 4, in which a bag is played and no simulator sends scans
 
     def __init__(self, initial: Recording, ros: RosAccess) -> None:
         """Prepare for a run; `initial` is the recording before the run, with pillar, robot and deadline."""

@@ -357,26 +357,27 @@ class DriveRecorder:
     def _join(self) -> None:
         """Join the run, once, if the submission is ready or will not become ready (message GoOn).
 
-        The simulator lets time begin when a node subscribes to the scans and a node advertises commands. The
-        recorder subscribes to the scans here and not earlier, so time does not begin before the submission is
-        ready. A submission that will not become ready may advertise no commands, for example because its
-        nodes have ended. Then the recorder advertises commands in its place, so time begins all the same.
+        After this, `_begin_when_connected` lets simulated time begin. In exercise 4, a bag is played in place
+        of the simulator, and nothing else is needed.
         """
+        if self._joined_at < inf:  # the recorder has joined before
+            return
         is_ready = self._watch.is_submission_ready(self._state)
-        has_joined = self._joined_at < inf
-        if has_joined or not (is_ready or self._go_on.is_set()):
+        if not is_ready and not self._go_on.is_set():
             return
         self._joined_at = time.monotonic()
         self._send(Joined())
-        # in exercise 4, a bag is played in place of the simulator; the bag player waits for no scans and no
-        # commands
-        if not self._watch.reads_scans:
-            return
+        if self._watch.reads_scans:
+            self._join_simulator(is_ready)
+
+    def _join_simulator(self, is_ready: bool) -> None:
+        """Subscribe to the scans, and advertise commands if the submission is not ready.
+
+        The simulator also lets time begin only when a node subscribes to the scans and a node advertises
+        commands. A submission that is not ready may do neither, for example because its nodes have ended.
+        """
         if not is_ready:
             self._access.advertise_commands()
-            # In exercise 2, the watch itself drives the robot. It sends a command after each scan, and its
-            # first command here, before the first scan. The watches of other exercises send nothing.
-            self._watch.on_scan(stamp=0.0)
         scans = self._initial.scan_topic
         self._subscribers.append(
             rospy.Subscriber(scans, LaserScan, self._on_scan, queue_size=1000, tcp_nodelay=True)
