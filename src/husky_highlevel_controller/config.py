@@ -2,7 +2,7 @@
 
 A field's `metadata` describes it: "min" and "max" bound a number, "help" says what it is, "choices" lists the
 texts that are allowed, "length" is the length of a tuple, "shape" is the shape of an array, and with
-"optional" a text may be empty. A field without `metadata` is not a parameter, but a file may have it.
+"optional" a text may be empty. A field without `metadata` is not a ROS parameter, but a file may set it.
 A record raises ValueError in its `__post_init__` if two of its values do not fit together.
 """
 

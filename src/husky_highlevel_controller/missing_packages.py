@@ -1,8 +1,8 @@
 """Sentence on the Python packages that this package needs and this Python lacks, with the install command.
 
-In: a name of a group. Out: a sentence. Imports only the standard library, because programs ask before
-they import anything else. In ./dev's own environment nothing is missing, but a catkin workspace may have the
-system's Python.
+In: a name of a group. Out: a sentence. Imports only the standard library, because programs call
+`end_if_missing` before they import anything else. In ./dev's own environment nothing is missing, but a catkin
+workspace may have the system's Python.
 """
 
 from __future__ import annotations

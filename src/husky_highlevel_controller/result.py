@@ -28,7 +28,7 @@ class Cell(NamedTuple):
     """Cell of a table."""
 
     value: Any
-    style: str = ""  # style of the cell: ok, missed or empty
+    style: str = ""  # style of the cell: "ok", "missed" or ""
     link: str = ""  # address of the page to which the cell links
 
 

@@ -17,8 +17,8 @@ from husky_highlevel_controller.footprint import Footprint
 from husky_highlevel_controller.paths import share_folder
 
 ROBOTS = ("husky", "smb")
-# other names of a robot, and the robot; husky_melodic differs from husky only in the topic and the frame of
-# the lidar, which the launch files set
+# other names of robots, each with the name in ROBOTS; husky_melodic differs from husky only in the topic and
+# the frame of the lidar, which the launch files set
 VERSIONS = {"husky_melodic": "husky"}
 
 

@@ -17,7 +17,8 @@ from husky_highlevel_controller.datatypes import HuskyError, Pose
 from husky_highlevel_controller.geometry import compose, inverse, quat_from_rpy, rpy_from_quat
 
 MAX_NUMBER = 1e6  # a URDF with a larger number is refused; the numbers of real robots are far smaller
-# attributes that have the size of a shape, separated by a space, and how many numbers each attribute has
+# for each shape, the names of the attributes with its sizes, separated by a space, and how many numbers each
+# attribute has
 SIZES = {"box": ("size", 3), "cylinder": ("radius length", 1), "sphere": ("radius", 1), "mesh": ("scale", 3)}
 
 Elements = Dict[str, ET.Element]  # elements by name

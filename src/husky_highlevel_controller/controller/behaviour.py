@@ -45,13 +45,13 @@ from husky_highlevel_controller.robot import load_robot
 # [m], [m/s] a robot that moves farther than TELEPORT_DISTANCE + TOP_SPEED * time between two scans has not
 # driven there, so somebody has put it elsewhere, or odom was reset
 TELEPORT_DISTANCE, TOP_SPEED = 0.3, 2.0
-# [m] a robot that has reached its stop position or the pillar drives on only if it is farther away than this;
-# smaller distances may be errors of the measurement
+# [m] A robot that has arrived drives on only if the distance that it still has to drive is larger than this.
+# A smaller distance may be an error of the measurement.
 RESUME_DISTANCE = 0.10
 ODOM_TIMEOUT = 0.5  # [s] odometry counts as lost if the last known pose in odom is older than this
 ROOM_FRACTION = 0.05  # walls stand around the robot if more than this fraction of the beams has a return
-# [m] if the measured gap to the pillar is at most this, the robot may already touch the pillar, because the
-# gap has an error; to be sure, the robot creeps forwards for TOUCH_CREEP_TIME more
+# [m] If the measured gap to the pillar is at most this, the robot may already touch the pillar. But the
+# measured gap has an error, so the robot creeps forwards for TOUCH_CREEP_TIME more.
 TOUCH_GAP = 0.003
 # [s] the robot creeps 8 mm in this time at control.MIN_TOUCH_SPEED, so that it touches the pillar but hardly
 # pushes it
@@ -100,8 +100,8 @@ class ControllerState(NamedTuple):
     started_at: Optional[float] = None
     base_in_odom: Optional[Pose2D] = None  # pose of base_link in odom at the last scan; None if unknown to TF
     updated_at: float = -inf  # [s], stamp of the last scan
-    # [s] stamp of the last scan for which TF knew the robot's pose in odom; inf before the first such scan,
-    # so that odometry that has never come does not count as lost (see ODOM_TIMEOUT)
+    # [s] Stamp of the last scan for which TF knew the robot's pose in odom. It is inf until TF knows a pose,
+    # because odometry that has not come yet does not count as lost (see ODOM_TIMEOUT).
     odom_at: float = inf
     # true if an earlier scan showed walls around the robot; then a scan without any return shows that the
     # lidar is covered or broken

@@ -15,10 +15,11 @@ import numpy as np
 from husky_highlevel_controller.datatypes import Vector3
 
 _RADIUS_WEIGHT = 0.6  # the expected radius counts in the fit as much as this many beams
-# the fit expects the circle's centre on the line through the middle of the segment (y = 0), with this weight
+# The fit expects y = 0 for the circle's centre, with this weight. y is 0 on the line from the lidar through
+# the middle of the segment.
 _Y_WEIGHT = 1e-3
-# the fit expects the centre one radius behind the nearest beam, with this weight; it is tiny, and only keeps
-# the equations solvable if the beams do not determine the distance
+# The fit expects the centre one radius farther away than the shortest range, with this weight. The weight is
+# tiny. It only keeps the equations solvable if the beams do not determine the distance of the centre.
 _X_WEIGHT = 1e-6
 # weight instead of _RADIUS_WEIGHT and _Y_WEIGHT when the radius is computed from the beams alone
 _FREE_WEIGHT = 1e-4
@@ -30,9 +31,10 @@ MAX_STEPS = 6
 # [m] the fit ends with a step smaller than this, because the next step would be a thousand times smaller
 _SETTLED = 3e-4
 
-# (4, 4) matrix of sums over the beams. Each beam has four numbers, called x, y, r and e: the derivatives of
-# its error by x, y and r, and the error itself. The entry in row x and column e is called `xe`. The entry is
-# the sum over the beams of x times e, times the beam's weight.
+# (4, 4) matrix of sums over the beams. Each beam has four numbers: the derivatives of its error by the
+# circle's x, y and radius, and the error itself. Each number has a row and a column of the matrix, which are
+# called x, y, r and e. For example, the entry `xe` in row x and column e is the sum over the beams of
+# (derivative of the error by x) * error * weight of the beam.
 Products = List[List[float]]
 Number = TypeVar("Number", float, np.ndarray)  # a number, or an array with a number for each segment
 Row3 = Tuple[Number, Number, Number]

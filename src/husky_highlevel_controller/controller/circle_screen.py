@@ -24,20 +24,22 @@ from husky_highlevel_controller.controller.circle_fit import (
 )
 from husky_highlevel_controller.datatypes import Scan
 
-# A segment is a wall and not a pillar if the lead of a straight line over the circle is at least LINE_ODDS.
-# The lead of a shape says how much better the shape fits than the circle: (number of beams - number of
-# parameters of the shape) * log(squared errors of the circle / squared errors of the shape). With 8 beams and
-# a noise of 30 mm, 1 % of the pillars count as another shape. With a noise of 1 mm, less than 1 % of boxes
-# count as pillars. With more beams, such mistakes quickly become rare.
+# The lead of a shape over the circle is a number that says how much better the shape fits a segment than the
+# circle does. The shape is a straight line or a corner. Its lead is (number of beams - number of parameters
+# of the shape) * log(squared errors of the circle / squared errors of the shape). If the lead of a line is at
+# least LINE_ODDS, the segment is a wall and not a pillar. With 8 beams and a noise of 30 mm, 1 % of the
+# pillars count as another shape. With a noise of 1 mm, less than 1 % of the boxes count as pillars. With more
+# beams, both mistakes quickly become rare.
 LINE_ODDS = 4.0
 # if another object hides a part of the circle, the circle must fit better than a straight line: the lead of
 # the line (see LINE_ODDS) must be below -HIDDEN_ODDS
 HIDDEN_ODDS = 2.0
 # a beam hits a circle if its range differs from the expected range by at most this many times `max_residual`
 HIT_SLACK = 4.0
-# A beam must meet a real pillar if it passes the centre of the fitted circle within INNER_PART of the radius
-# minus INNER_RESIDUALS times the residual (root mean square distance of the beams' end points from the
-# circle). Nearer to the circle's edge, a small error of the fit can make the beam miss the pillar.
+# A beam must meet a real pillar if it passes the centre of the fitted circle at a distance of at most
+# INNER_PART * radius - INNER_RESIDUALS * residual. The residual is the root mean square distance of the
+# beams' end points from the circle. Nearer to the circle's edge, a small error of the fit can make the beam
+# miss the pillar.
 INNER_PART, INNER_RESIDUALS = 0.9, 2.0
 # [m] this coarse test allows each limit to be exceeded by this, because its fit is not exact
 _MARGIN = 0.005

@@ -19,7 +19,7 @@ and compares the loss with a limit. The change that ends at the time `end` has t
 
 The *age* of a sample is the time from the sample to `end`.
 
-Without vibration the limit is `max_loss`. Vibration of the other two axes raises the limit in two ways. The
+Without vibration the limit is `max_loss`. Vibration sideways and upwards raises the limit in two ways. The
 limit grows from `max_loss` to `max_loss_rough`, which it reaches at ROUGH_VIBRATION. On every ground,
 `vibration_factor` times the vibration is added. A push from the side is a crash, too. Its size is the
 sideways velocity that the robot gains within `window` and then keeps, without the part that driving a curve
@@ -65,13 +65,13 @@ LONGEST_PERIOD = 0.2
 PATIENCE = 2.0  # [s] IMU samples are evaluated without odometry if no odometry has come for this time
 LONGEST_WAIT = 2.5  # [s] an IMU sample that has waited this long for its odometry is evaluated without it
 LONGEST_DELAY = 10.0  # [s] wheel speeds are kept this long for IMU samples that come later than odometry
-# [m/s^2] A shock from below also causes horizontal force. If the force ahead is larger than this limit, the
-# size of the vertical force is subtracted from the part above the limit. A larger vertical force counts as
-# this limit.
+# [m/s^2] A shock from below also causes horizontal force. So if the force ahead is larger than SHOCK_FORCE,
+# its part above SHOCK_FORCE is reduced by the size of the vertical force. The vertical force itself counts
+# only up to SHOCK_FORCE, and the sideways force only up to SIDEWAYS_FACTOR * SHOCK_FORCE.
 SHOCK_FORCE = 6.0
-# [m/s] Ground with this vibration or more counts as fully rough. With less vibration, the roughness is the
-# fraction of this vibration that the IMU measures. A real Husky A200 measures 0.005 at rest, and 0.03 while
-# it drives on flooring.
+# [m/s] The roughness of the ground, 0 to 1, is its measured vibration divided by this vibration. Ground with
+# a stronger vibration has the roughness 1, too. A real Husky A200 measures 0.005 at rest, and 0.03 while it
+# drives on flooring.
 ROUGH_VIBRATION = 0.013
 # vibration of the ground may change the sideways velocity this many times more than the forward velocity,
 # because the body rolls on its tyres
@@ -142,8 +142,9 @@ class _VelocityChanges(NamedTuple):
     left: float  # [m/s] the same change of the velocity to the left; negative if it is to the right
     # [m/s] velocity to the left that was gained in the time `window`, which lies between BEFORE and AFTER
     pushed_left: float
-    # [m^2/s^2] squared velocity that was gained to the left and upwards in the last `window` seconds. It is a
-    # new value for the vibration of the ground, which is measured all the time, also without a collision.
+    # [m^2/s^2] Squared velocity that was gained to the left and upwards in the last `window` seconds. It is
+    # measured at every sample, also without a collision. The vibration of the ground is the root of the mean
+    # of the values of the last MEMORY seconds.
     squared_swing: float
 
     @property

@@ -14,8 +14,8 @@ from husky_highlevel_controller.geometry import wrap_angle
 STILL_TIME = 2.0  # [s] a robot that stands still for this time although it is commanded to move does not obey
 # [m/s], [rad/s] a real robot might stand still at slower commands, so these commands are not checked
 MIN_LINEAR, MIN_ANGULAR = 0.1, 0.1
-# [m], [rad] a larger motion means that the robot obeys; it is about a tenth of the motion that the slowest
-# checked command causes in STILL_TIME
+# [m], [rad] The robot obeys if it moves or turns by more than this limit. The limit is about a tenth of the
+# motion that the slowest checked command causes in STILL_TIME.
 MOVED, TURNED = 0.02, 0.03
 
 

@@ -26,7 +26,8 @@ FASTEST = 100.0
 PATH_STEPS = 12  # number of poses on the way to standstill at which the clearance is checked
 # [m] the robot moves towards an obstacle if the clearance shrinks by more than this before the robot stands
 APPROACH = 1e-3
-# [s] a robot that still moves when this time has passed since a stop counts as started again
+# [s] a robot that was stopped should stand after this time; if it still moves then, it counts as started
+# again
 STOPPING_TIMEOUT = 1.0
 
 

@@ -36,7 +36,7 @@ _QUARTER_TURN = pi / 2.0
 class Search(NamedTuple):
     """Progress of the search."""
 
-    leg: int = 0  # number of legs, which are the straight parts of the spiral, that have begun
+    leg: int = 0  # number of legs that have begun; a leg is a straight part of the square spiral
     to_turn: float = _FULL_TURN  # [rad] angle by which the robot must still turn before the next leg
     to_drive: float = 0.0  # [m] remaining length of the current leg
     pose: Optional[Pose2D] = None  # pose of base_link in odom at the last scan

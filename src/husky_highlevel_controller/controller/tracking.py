@@ -3,15 +3,19 @@
 In: the pillars of a scan, and the pose of the lidar. Out: the tracked pillar, and its estimate.
 
 The first pillar seen, or the nearest of several, is tracked until its position proves to be empty. A position
-is empty if it is in view, nothing hides it, and no pillar is there for EMPTY_TIMEOUT. If something hides a
-near position, a tenth of the time counts, so the position is given up after 5 s. A robot that has arrived
-does not give up such a position. A position out of view is kept, and becomes less and less certain. A pillar
-at a rejected position is accepted again only if more beams fall on it, as when the robot has come closer.
+is empty if it is in view, nothing hides it, and no pillar is there for EMPTY_TIMEOUT. If the position is near
+the lidar and something hides it, only a tenth of the time counts, so the position is given up after 5 s. But
+a robot that has arrived keeps a hidden position. A position out of view is kept, and becomes less and less
+certain.
 
-An estimate is confirmed when it was seen from positions BASELINE apart, or for WATCH_TIME. Before that it is
-also given up after EMPTY_TIMEOUT out of view or hidden. An estimate that moves by WALK within WATCH_TIME is a
-leg or a wheel and not a pillar, so it is given up. Then pillars at other positions are preferred to this
-object, and the robot drives to the next pillar only when that pillar is confirmed.
+A position that is given up is usually rejected. A pillar at a rejected position is accepted again only if
+more beams fall on it, for example because the robot has come closer.
+
+An estimate is confirmed when it was seen from positions BASELINE apart, or for WATCH_TIME. An estimate that
+is not yet confirmed is also given up if it is out of view or hidden for EMPTY_TIMEOUT. An estimate that moves
+by WALK within WATCH_TIME is a leg or a wheel and not a pillar, so it is given up. Then pillars at other
+positions are preferred to this object, and the robot drives to the next pillar only when that pillar is
+confirmed.
 """
 
 from __future__ import annotations

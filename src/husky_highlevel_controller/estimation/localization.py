@@ -20,7 +20,8 @@ from husky_highlevel_controller.estimation.readings import MotionSensor, Mountin
 # [s] the filter no longer waits for a silent sensor whose last reading is older than the newest reading by
 # more than this
 PATIENCE = 1.0
-MAX_PAUSE = 10.0  # [s] no estimates are sent for a pause of the readings that is longer than this
+# [s] if the readings pause for longer than this, the estimates for the time of the pause are left out
+MAX_PAUSE = 10.0
 # [s] stamps closer than this count as equal, because a float of 64 bits has only seven decimals for seconds
 # since 1970
 SAME_TIME = 1e-6

@@ -27,9 +27,10 @@ from husky_highlevel_controller.geometry import (
 )  # fmt: skip
 
 ON_PLANE = (0, 1, 5)  # indices of x, y and yaw in the list x, y, z, roll, pitch, yaw
-# The axes of a sensor may be turned against those of the robot. A used axis of the sensor also measures an
-# axis of the robot, unless the two are perpendicular. They count as perpendicular if the component of one
-# unit vector along the other is smaller than this.
+# The axes of a sensor may be turned against the axes of the robot. The parameters say which axes of the
+# sensor are used. A used axis of the sensor measures an axis of the robot unless the two axes are
+# perpendicular. Two axes count as perpendicular if the component of one unit vector along the other is
+# smaller than this.
 MIN_COMPONENT = 1e-6
 
 
