@@ -98,9 +98,10 @@ class ArrivalExit:
         """Return what the controller or the robot did last, for the error that no arrival has come."""
         if self._controller_message:
             return self._controller_message
-        if self._standing_since == inf:  # the robot moves, or no odometry has come
-            return "the robot moves" if self._has_driven else "no odometry has come"
-        return "the robot stands" if self._has_driven else "the robot has not moved"
+        is_standing = self._standing_since < inf
+        if self._has_driven:
+            return "the robot stands" if is_standing else "the robot moves"
+        return "the robot has not moved" if is_standing else "no odometry has come"
 
     def _on_arrived(self, message: Bool) -> None:
         """Keep whether the robot is at the pillar, as the controller announces."""
