@@ -6,7 +6,7 @@ In: visualization_msgs. Out: meshes, lines, points and texts in the marker's own
 from __future__ import annotations
 
 from math import isfinite
-from typing import Any, Dict, List, Optional, Sequence, Tuple
+from typing import Any, Callable, Dict, Iterable, List, NamedTuple, Optional, Sequence, Tuple
 
 import numpy as np
 from nav_msgs.msg import Path
@@ -34,7 +34,14 @@ MAX_LETTERS = 500  # largest number of characters of a text
 ARROW_HEAD = 0.23
 # colour and width [m] of a nav_msgs/Path; green, as in RViz
 PATH_COLOR, PATH_WIDTH = ColorRGBA(0.1, 0.8, 0.1, 1.0), 0.03
-Key = Tuple[str, str, int]  # topic, namespace, id
+
+
+class MarkerKey(NamedTuple):
+    """Name of a marker on the network; a new marker replaces the earlier marker of this name."""
+
+    topic: str
+    namespace: str
+    id: int
 
 
 def primitives(marker: Marker) -> List[Piece]:
@@ -170,15 +177,17 @@ class Markers:
     """Markers that are shown: they are added, replaced, deleted and expire, and their cost is limited."""
 
     def __init__(self) -> None:
-        self.shown: Dict[Key, Marker] = {}  # the marker whose message came last is the last one
+        self.shown: Dict[MarkerKey, Marker] = {}  # the marker whose message came last is the last one
         self.is_full = False  # true if a marker was left out, because the cost would exceed MAX_COST
         self._cost = 0
-        self._ends: Dict[Key, float] = {}  # [s] ROS time of the end of the lifetime, for markers with one
+        self._ends: Dict[
+            MarkerKey, float
+        ] = {}  # [s] ROS time of the end of the lifetime, for markers with one
         self._last_time = 0.0  # [s] ROS time of the last call of `expire`
 
     def apply(self, topic: str, marker: Marker, now: float) -> None:
         """Apply a message that came at the ROS time `now` [s]."""
-        key = (topic, marker.ns, marker.id)
+        key = MarkerKey(topic, marker.ns, marker.id)
         if marker.action in (Marker.ADD, Marker.MODIFY):
             # the new marker replaces the old one with the same key, so the cost of the old one no longer
             # counts
@@ -197,8 +206,9 @@ class Markers:
         elif marker.action == Marker.DELETE:
             self._remove(key)
         elif marker.action == Marker.DELETEALL:
-            for other in [key for key in self.shown if key[0] == topic]:
-                self._remove(other)
+            for key in list(self.shown):
+                if key.topic == topic:
+                    self._remove(key)
 
     def expire(self, now: float) -> None:
         """Remove markers whose lifetime has ended at the ROS time `now` [s].
@@ -217,7 +227,7 @@ class Markers:
         self._ends.clear()
         self._cost, self.is_full = 0, False
 
-    def _remove(self, key: Key) -> None:
+    def _remove(self, key: MarkerKey) -> None:
         """Remove a marker, its cost and its lifetime, if the marker is shown."""
         if key in self.shown:
             self._cost -= cost(self.shown.pop(key))
@@ -275,7 +285,7 @@ def _lines(kind: int, points: np.ndarray, colors: np.ndarray, width: float) -> L
     return [Lines(points[ends], _bytes(colors[ends][..., :3]), width)]
 
 
-def _by_color(parts: Any, colors: np.ndarray, make: Any) -> List[Piece]:
+def _by_color(parts: Iterable[Any], colors: np.ndarray, make: Callable[[List[Any]], Mesh]) -> List[Piece]:
     """Return one solid for each colour, because a browser draws few large meshes faster than many small ones.
 
     Args:

@@ -7,7 +7,7 @@ from math import dist, hypot
 from typing import TYPE_CHECKING, Any, Callable, Dict, Optional, Sequence
 
 from husky_highlevel_controller.datatypes import Pose, Vector3
-from husky_web.objects import Key, Object, Objects
+from husky_web.objects import Object, ObjectKey, Objects
 from husky_web.pages import DELETE, LOOK, MOVE, PUT, Page
 from husky_web.scene import BASE, Scene
 from husky_web.state_bar import Moving
@@ -81,7 +81,7 @@ class Mouse:
         page = self._pages.get(event.client.client_id)
         return LOOK if page is None else page.tool
 
-    def _bind_object(self, key: Key, shown: Object) -> None:
+    def _bind_object(self, key: ObjectKey, shown: Object) -> None:
         """Bind the tools that the open pages have now to an object, in place of earlier bindings."""
         for node in shown.shapes:
             node.remove_click_callback("all")
@@ -99,18 +99,17 @@ class Mouse:
         if point is not None:
             self._world.put(event.client, point[0], point[1], point[2])
 
-    def _on_click_object(self, key: Key, event: Any) -> None:
+    def _on_click_object(self, key: ObjectKey, event: Any) -> None:
         """Delete the clicked object, if the mouse of the page deletes objects."""
         if self._tool(event) != DELETE or key not in self._objects.shown:
             return
         # an object without an entry *Delete* in its menu is deleted by the service of the simulator
         was_in_menu = self._objects.delete(key)
         if not was_in_menu:
-            _, name = key
-            self._world.delete(event.client, name)
+            self._world.delete(event.client, key.name)
 
     # async, because viser calls async callbacks in the order of the mouse's events
-    async def _on_drag_object(self, key: Key, event: Any) -> None:
+    async def _on_drag_object(self, key: ObjectKey, event: Any) -> None:
         """Begin, continue or end the drag of an object, if the mouse of the page moves objects."""
         shown = self._objects.shown.get(key)
         if shown is None or self._tool(event) != MOVE:
@@ -124,8 +123,7 @@ class Mouse:
                 self._objects.dragged[key] = pose
 
             drop = partial(self._objects.drop, key)  # sends the last pose to the server of the object
-            _, name = key
-            self._begin(key, name, Drag(event.client.client_id, pose, show, drop))
+            self._begin(key, key.name, Drag(event.client.client_id, pose, show, drop))
         self._follow(key, event)
 
     async def _on_drag_robot(self, event: Any) -> None:

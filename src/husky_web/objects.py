@@ -27,7 +27,6 @@ from husky_web.shapes import Piece, Solid
 from husky_web.topics import Received
 from husky_web.viser_private import place
 
-Key = Tuple[str, str]  # topic of the interactive marker's server, and name of the marker
 # [m] if a part of an object is wider than this, the part counts as ground, and is not drawn, because the page
 # draws its own ground
 WIDEST = 50.0
@@ -38,6 +37,13 @@ MOVABLE = (
     InteractiveMarkerControl.MOVE_3D,
     InteractiveMarkerControl.MOVE_ROTATE_3D,
 )
+
+
+class ObjectKey(NamedTuple):
+    """Name of an interactive marker on the network."""
+
+    topic: str  # topic on which the server of the marker sends its changes
+    name: str
 
 
 class Object(NamedTuple):
@@ -56,10 +62,10 @@ class Objects:
 
     def __init__(self, server: viser.ViserServer, frames: Frames, fixed_frame: str) -> None:
         self._scene, self._frames, self._fixed_frame = server.scene, frames, fixed_frame
-        self.shown: Dict[Key, Object] = {}
+        self.shown: Dict[ObjectKey, Object] = {}
         # function that binds the mouse to a new object
-        self.on_new: Callable[[Key, Object], None] = lambda key, shown: None
-        self.dragged: Dict[Key, Pose] = {}  # pose of each object that a page drags, in the fixed frame
+        self.on_new: Callable[[ObjectKey, Object], None] = lambda key, shown: None
+        self.dragged: Dict[ObjectKey, Pose] = {}  # pose of each object that a page drags, in the fixed frame
         # publisher of feedback to each server; the key is the server's name
         self._feedback: Dict[str, rospy.Publisher] = {}
 
@@ -69,7 +75,7 @@ class Objects:
             with on_error_log_and_skip(topic):
                 self._take(topic, msg)
         for key, shown in self.shown.items():
-            with on_error_log_and_skip(f"'{key[1]}' of {key[0]}"):
+            with on_error_log_and_skip(f"'{key.name}' of {key.topic}"):
                 frame_in_fixed = self._frames.pose(shown.frame, self._fixed_frame)
                 # a dragged object follows the mouse; poses that its server sends do not count
                 if key in self.dragged:
@@ -87,21 +93,20 @@ class Objects:
             # objects that the server no longer has are removed, and objects that are not shown yet are added;
             # the others stay, because their changes come on the other topic
             for key in list(self.shown):
-                shown_topic, shown_name = key
-                if shown_topic == update_topic and shown_name not in names:
+                if key.topic == update_topic and key.name not in names:
                     self._erase(key)
             for marker in msg.markers:
-                if (update_topic, marker.name) not in self.shown:
+                if ObjectKey(update_topic, marker.name) not in self.shown:
                     self._insert(update_topic, marker)
         elif msg.type == InteractiveMarkerUpdate.UPDATE:
             for marker in msg.markers:
                 self._insert(topic, marker)
             for moved in msg.poses:
-                key, pose = (topic, moved.name), conversions.pose_from_msg(moved.pose)
+                key, pose = ObjectKey(topic, moved.name), conversions.pose_from_msg(moved.pose)
                 if key in self.shown:
                     self.shown[key] = self.shown[key]._replace(pose_in_frame=pose)
             for name in msg.erases:
-                self._erase((topic, name))
+                self._erase(ObjectKey(topic, name))
 
     def clear(self) -> None:
         """Remove all objects, and the publishers to their servers."""
@@ -111,7 +116,7 @@ class Objects:
             publisher.unregister()
         self._feedback.clear()
 
-    def drop(self, key: Key, pose_in_fixed: Pose) -> None:
+    def drop(self, key: ObjectKey, pose_in_fixed: Pose) -> None:
         """Report to the server that a marker was dragged to a pose in the fixed frame.
 
         The server then moves the object. Without a report, the object goes back to its pose before the drag.
@@ -127,7 +132,7 @@ class Objects:
         for event in (InteractiveMarkerFeedback.POSE_UPDATE, InteractiveMarkerFeedback.MOUSE_UP):
             self._send(key, shown, pose, event, entry=0)
 
-    def delete(self, key: Key) -> bool:
+    def delete(self, key: ObjectKey) -> bool:
         """Choose *Delete* in a marker's menu, and return whether it has such an entry."""
         shown = self.shown[key]
         for number, title in shown.menu:
@@ -137,27 +142,26 @@ class Objects:
                 return True
         return False
 
-    def _send(self, key: Key, shown: Object, pose: Pose, event: int, entry: int) -> None:
+    def _send(self, key: ObjectKey, shown: Object, pose: Pose, event: int, entry: int) -> None:
         """Report an event on a marker to its server.
 
         Args:
-            key: server's topic, and name of the marker.
+            key: name of the marker, and topic of its server.
             shown: the marker.
             pose: pose of the marker in its frame.
             event: type of the event, a constant of InteractiveMarkerFeedback.
             entry: id of the chosen entry of the menu; 0 if there is none.
         """
-        topic, name = key
         msg = InteractiveMarkerFeedback(
             client_id=rospy.get_name(),
-            marker_name=name,
+            marker_name=key.name,
             control_name=CONTROL,
             event_type=event,
             menu_entry_id=entry,
             pose=conversions.pose_to_msg(pose),
         )
         msg.header.frame_id = shown.frame
-        publish(self._feedback_publisher(topic), msg)
+        publish(self._feedback_publisher(key.topic), msg)
 
     def _feedback_publisher(self, topic: str) -> rospy.Publisher:
         """Return the publisher of feedback to the server with this topic, a new one if there is none yet."""
@@ -170,7 +174,7 @@ class Objects:
 
     def _insert(self, topic: str, marker: InteractiveMarker) -> None:
         """Draw an interactive marker of the server with this topic, in place of its earlier drawing."""
-        key = (topic, marker.name)
+        key = ObjectKey(topic, marker.name)
         self._erase(key)
         # the publisher is made now, so that it is connected before the first drag ends
         self._feedback_publisher(topic)
@@ -200,7 +204,7 @@ class Objects:
         )
         self.on_new(key, self.shown[key])
 
-    def _erase(self, key: Key) -> None:
+    def _erase(self, key: ObjectKey) -> None:
         """Remove an object from the view, if it is shown."""
         shown = self.shown.pop(key, None)
         self.dragged.pop(key, None)

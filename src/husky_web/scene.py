@@ -39,7 +39,7 @@ from husky_web.legend import (
     TRAIL_COLOR,
 )
 from husky_web.markers import (
-    Key,
+    MarkerKey,
     Markers,
     appearance,
     frame_of_message,
@@ -119,7 +119,7 @@ class Scene:
         # node of the shadow below the robot, a child of the node of base_link; None without a robot
         self._shadow: Any = None
         self.robot_shapes: List[Any] = []  # nodes of the robot that the mouse can grasp
-        self._drawn: Dict[Key, DrawnMarker] = {}  # markers that have a node in the scene
+        self._drawn: Dict[MarkerKey, DrawnMarker] = {}  # markers that have a node in the scene
         self._axes: Dict[str, Any] = {}  # object of viser that draws the axes of each TF frame
         self._trail: List[Tuple[float, float, float]] = []  # [m] points in the fixed frame, the oldest first
         self._backdrop = Backdrop(self._scene)
@@ -331,8 +331,8 @@ class Scene:
         None if there is no such marker, or if its frame is not connected with the fixed frame.
         """
         newest: Optional[Marker] = None
-        for (topic, namespace, _), marker in self.markers.shown.items():  # the newest marker comes last
-            if namespace == TARGET and topic.startswith(self._controller):
+        for key, marker in self.markers.shown.items():  # the newest marker comes last
+            if key.namespace == TARGET and key.topic.startswith(self._controller):
                 newest = marker
         if newest is None:
             return None
@@ -373,11 +373,11 @@ class Scene:
         ros_time = rospy.get_time()  # lifetimes end by ROS time, as in RViz, so they stop during a pause
         self._take_markers(topics, ros_time)
         self.markers.expire(ros_time)
-        shown = self.markers.shown if self.layers["markers"] else {}  # key: topic, namespace, id
+        shown = self.markers.shown if self.layers["markers"] else {}
         for key in self._drawn.keys() - shown.keys():
             self._drawn.pop(key).node.remove()
         for key, marker in shown.items():
-            with on_error_log_and_skip(f"a marker of {key[0]}"):
+            with on_error_log_and_skip(f"a marker of {key.topic}"):
                 self._place_marker(key, marker)
                 if are_looks_due:
                     self._draw_marker(self._drawn[key], marker)
@@ -399,12 +399,11 @@ class Scene:
         if self.markers.is_full:
             warn_left_out("a part of the markers", "there are more than a browser can draw in time")
 
-    def _place_marker(self, key: Key, marker: Marker) -> None:
+    def _place_marker(self, key: MarkerKey, marker: Marker) -> None:
         """Move a marker's node to its pose in the fixed frame; a new marker gets a node first."""
         drawing = self._drawn.get(key)
         if drawing is None:
-            topic, namespace, number = key
-            name = f"/markers/{quote(topic, safe='')}/{quote(namespace, safe='')}_{number}"
+            name = f"/markers/{quote(key.topic, safe='')}/{quote(key.namespace, safe='')}_{key.id}"
             drawing = DrawnMarker(self._scene.add_frame(name, show_axes=False, visible=False))
             self._drawn[key] = drawing
         # only a marker that is locked to its frame moves with the frame

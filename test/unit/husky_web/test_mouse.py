@@ -10,6 +10,7 @@ import pytest
 
 from husky_highlevel_controller.datatypes import IDENTITY, Pose
 from husky_web.mouse import Drag, Mouse, point_on_level
+from husky_web.objects import ObjectKey
 from husky_web.pages import MOVE
 from husky_web.state_bar import Moving
 
@@ -26,7 +27,7 @@ def test_a_drag_ends_when_its_page_is_closed(monkeypatch):
     monkeypatch.setattr(Drag, "on_event", lambda drag, _: drag._show(IDENTITY))
     shape, node = Mock(), Mock(position=(0.0, 0.0, 0.0), wxyz=(1.0, 0.0, 0.0, 0.0))
     box = Mock(node=node, shapes=[shape], is_movable=True)
-    objects = Mock(shown={("t", "box"): box}, dragged={})
+    objects = Mock(shown={ObjectKey("t", "box"): box}, dragged={})
     moving = Moving()
     mouse = Mouse(Mock(robot_shapes=[]), objects, None, moving, {7: SimpleNamespace(tool=MOVE)})
     mouse.bind()
