@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from math import inf, nan
-from typing import Dict, Optional, Tuple
+from typing import Dict, Optional
 
-from husky_highlevel_controller.datatypes import Vector3
+from husky_highlevel_controller.datatypes import Twist2D, Vector3
 from husky_highlevel_controller.geometry import transform_point
 from husky_highlevel_controller.ros import conversions
 from husky_web.plots import Curve
@@ -16,7 +16,7 @@ from husky_web.topics import Topics
 NO_NEWS_TIME = 2.0
 RATE_WINDOW = 3.0  # [s] the rate of the scans and the real-time factor are measured over this time
 EXPIRY = 3.0  # [s] simulated time after which a number without a new message is not shown any more
-UNKNOWN = (nan, nan)
+UNKNOWN = Twist2D(nan, nan)
 
 
 class Numbers:
@@ -35,8 +35,7 @@ class Numbers:
         # curve of simulated time [s] over wall time [s]; the rate of this curve is the real-time factor
         self.clock = Curve(series=1, window=RATE_WINDOW)
         self._heard_at = -inf  # [s] wall time of the last odometry
-        # [m/s], [rad/s] forward and turning speed, for "commanded" and for "measured"
-        self._speeds: Dict[str, Tuple[float, float]] = {}
+        self._commanded = self._measured = UNKNOWN  # newest commanded, and newest measured motion
         self.time: Optional[float] = None  # [s] simulated time of the newest odometry
         self.distance: Optional[float] = None  # [m] remaining distance to the stop point
         self.speed: Optional[float] = None  # [m/s] measured forward speed
@@ -54,10 +53,8 @@ class Numbers:
         self._take_controllers_numbers(topics, scene)
         self._forget_old_numbers()
         if has_odometry and self.time is not None:
-            commanded_speed, commanded_turning = self._speeds.get("commanded", UNKNOWN)
-            measured_speed, measured_turning = self._speeds.get("measured", UNKNOWN)
-            self._curves["speed"].add(self.time, commanded_speed, measured_speed)
-            self._curves["turning"].add(self.time, commanded_turning, measured_turning)
+            self._curves["speed"].add(self.time, self._commanded.linear, self._measured.linear)
+            self._curves["turning"].add(self.time, self._commanded.angular, self._measured.angular)
         if self.time is not None:
             self.clock.add(now, self.time)
         if topics.scan_count:  # otherwise no scan has come yet, so there is no stamp of a scan
@@ -73,11 +70,11 @@ class Numbers:
         odometry = topics.take("truth") or topics.take("odometry")
         if odometry is not None:
             self._heard_at = now
-            self._speeds["measured"] = conversions.twist_from_msg(odometry.twist.twist)
-            self.time, self.speed = odometry.header.stamp.to_sec(), self._speeds["measured"][0]
+            self._measured = conversions.twist_from_msg(odometry.twist.twist)
+            self.time, self.speed = odometry.header.stamp.to_sec(), self._measured.linear
         command = topics.take("command")
         if command is not None:
-            self._speeds["commanded"] = conversions.twist_from_msg(command.twist)
+            self._commanded = conversions.twist_from_msg(command.twist)
         return odometry is not None
 
     def _take_controllers_numbers(self, topics: Topics, scene: Scene) -> None:

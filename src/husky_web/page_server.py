@@ -83,13 +83,14 @@ def serve(host: str, port: int, on_message: OnMessage, on_leave: OnLeave) -> Tup
     Raises:
         HuskyError: the address is not an address of this machine, or no port is free.
     """
+    hosts: Optional[Collection[str]] = None  # names of this machine that a request may use; None for all
+    token: Optional[str] = None  # token that a request must have; None if no token is required
     if _is_loopback(host):
         # Only this machine can connect, so no token is needed. But another site may let its own host name
         # point to this machine (DNS rebinding), so a request may use only these names.
-        hosts, token = (*LOOPBACK, host.lower()), None
+        hosts = (*LOOPBACK, host.lower())
     else:
-        # other machines may use any name of this machine, but each of them needs the token
-        hosts, token = None, _kept_token()
+        token = _kept_token()
     # viser also looks for a free port; but if no port is free, only its thread ends, and this program would
     # wait for it forever
     port = _find_free_port(host, port)

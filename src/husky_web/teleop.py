@@ -73,7 +73,7 @@ class HoldToDrive:
             self._holder, self._has_to_stop = None, True
 
     def command(self, now: float) -> Optional[Twist2D]:
-        """Return the twist to send at `now` [s]; after the last one a single STOP, then None."""
+        """Return the twist to send at `now` [s]: the page's twist, or STOP once after it, or None."""
         if self._holder is not None and now - self._heard_at >= EXPIRY:
             self.release(self._holder)
         if self._holder is not None:

@@ -7,7 +7,7 @@ from html import escape
 from math import cos, dist, pi, sin
 from pathlib import Path
 from random import uniform
-from typing import Any, Dict, Optional
+from typing import Any, Dict, Optional, Tuple
 
 import viser
 from geometry_msgs.msg import Vector3 as Vector3Msg
@@ -101,6 +101,25 @@ class WorldTab:
         Raises:
             HuskyError: the point is unknown, the world has no object, or every attempt has failed.
         """
+        name, pose = self._nearest_object(point)
+        x, y, z = pose.position
+
+        def random_pose() -> Pose:
+            """Return a pose 4 to 8 m away, in any direction, at the same height."""
+            distance, angle = uniform(4.0, 8.0), uniform(-pi, pi)
+            return pose._replace(position=(x + distance * cos(angle), y + distance * sin(angle), z))
+
+        for _ in range(MOVE_ATTEMPTS - 1):
+            with suppress(HuskyError):
+                return self._move(name, random_pose())
+        return self._move(name, random_pose())  # the error of the last attempt is raised, and not suppressed
+
+    def _nearest_object(self, point: Optional[Vector3]) -> Tuple[str, Pose]:
+        """Return the name and the pose of the object nearest to a point [m], both in the page's frame.
+
+        Raises:
+            HuskyError: the point is unknown, or the world has no object.
+        """
         poses = {}  # pose of each object that is neither the ground nor the robot
         for name, pose in self._poses().items():
             # a body of a model with several links is called MODEL::LINK
@@ -109,18 +128,8 @@ class WorldTab:
                 poses[name] = pose
         if point is None or not poses:
             raise HuskyError("there is no pillar to move")
-        name = min(poses, key=lambda name: dist(poses[name].position[:2], point[:2]))
-        x, y, z = poses[name].position
-
-        def random_pose() -> Pose:
-            """Return a pose 4 to 8 m away, in any direction, at the same height."""
-            distance, angle = uniform(4.0, 8.0), uniform(-pi, pi)
-            return poses[name]._replace(position=(x + distance * cos(angle), y + distance * sin(angle), z))
-
-        for _ in range(MOVE_ATTEMPTS - 1):
-            with suppress(HuskyError):
-                return self._move(name, random_pose())
-        return self._move(name, random_pose())  # the error of the last attempt is raised, and not suppressed
+        nearest = min(poses, key=lambda name: dist(poses[name].position[:2], point[:2]))
+        return nearest, poses[nearest]
 
     def _spawn(self, shape: str, size: Any, mass: float, pose: Pose) -> str:
         """Put a shape with the first free name, such as box_3, and return the simulator's sentence."""
