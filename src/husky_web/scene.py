@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from dataclasses import dataclass, field
 from math import ceil, dist
-from typing import Any, Dict, List, NamedTuple, Optional, Tuple, Union
+from typing import Any, Dict, List, NamedTuple, Optional, Sequence, Tuple, Union
 from urllib.parse import quote
 
 import numpy as np
@@ -48,7 +48,7 @@ from husky_web.markers import (
     pose_of,
     primitives,
 )
-from husky_web.robot import rigid_groups
+from husky_web.robot import Visual, rigid_groups
 from husky_web.topics import Topics
 from husky_web.viser_private import place
 
@@ -159,24 +159,31 @@ class Scene:
         # the base comes first, because its node is the parent of the nodes of the other frames
         frames = sorted(groups, key=lambda frame: frame != BASE)  # False is sorted before True
         for frame in frames:
-            # nodes are children of the base's node, so that the pose of the base moves all of them
-            if BASE in self._robot:
-                path, parent = f"/robot/{BASE}", BASE
-            else:  # this is the base, or the robot has no frame of this name
-                path, parent = "/robot", self.fixed_frame
-            # slashes in the name are replaced, because viser would read each as a level of its tree of nodes
-            name = f"{path}/{quote(frame, safe='')}"
-            node = self._scene.add_frame(name, show_axes=False, visible=False)
-            self._robot[frame] = RobotFrame(node, parent)
-            for number, visual in enumerate(groups[frame]):
-                with on_error_log_and_skip(f"a visual of {frame} in robot_description"):
-                    self.robot_shapes += clickable(
-                        add_pieces(self._scene, f"{name}/{number}", [visual.shape], visual.pose_in_frame)
-                    )
-            if frame == BASE and self.robot_shapes:  # the base comes first, so these are its shapes only
-                low, high = bounds(self.robot_shapes)
+            meshes = self._draw_frame(frame, groups[frame])
+            self.robot_shapes += meshes
+            if frame == BASE and meshes:
+                name = f"{self._robot[BASE].node.name}/shadow"
+                low, high = bounds(meshes)
                 # the shadow is below the middle of the base; `_update_shadow` moves it down to the ground
-                self._shadow = contact_shadow(self._scene, f"{name}/shadow", high - low, (low + high) / 2.0)
+                self._shadow = contact_shadow(self._scene, name, high - low, (low + high) / 2.0)
+
+    def _draw_frame(self, frame: str, visuals: Sequence[Visual]) -> List[Any]:
+        """Add a node for a frame of the robot, and nodes for its visuals; return the nodes of meshes."""
+        # nodes are children of the base's node, so that the pose of the base moves all of them
+        if BASE in self._robot:
+            path, parent = f"/robot/{BASE}", BASE
+        else:  # `frame` is the base, or the robot has no frame with the name BASE
+            path, parent = "/robot", self.fixed_frame
+        # slashes in the name are replaced, because viser would read each as a level of its tree of nodes
+        name = f"{path}/{quote(frame, safe='')}"
+        node = self._scene.add_frame(name, show_axes=False, visible=False)
+        self._robot[frame] = RobotFrame(node, parent)
+        meshes: List[Any] = []
+        for number, visual in enumerate(visuals):
+            with on_error_log_and_skip(f"a visual of {frame} in robot_description"):
+                nodes = add_pieces(self._scene, f"{name}/{number}", [visual.shape], visual.pose_in_frame)
+                meshes += clickable(nodes)
+        return meshes
 
     @property
     def base(self) -> Optional[Pose]:
