@@ -43,25 +43,24 @@ def hint_on_view(view: RvizView) -> str:
 
 
 def find_display_fault(view: RvizView, kind: str, scan_topic: str) -> Tuple[str, str]:
-    """Return the reason for which a display is not visible, and the hint.
+    """Return the reason why RViz does not show the frames, the robot model or the scans, and the hint.
 
     Args:
         view: view of RViz, without a problem.
-        kind: class of the display in RViz: TF, ROBOT or SCAN.
+        kind: class of the display that the view lacks: TF, ROBOT or SCAN.
         scan_topic: topic of the scans that the display of scans must show.
     """
     name = kind.rpartition("/")[2]  # name of the display in RViz, such as LaserScan
     what = NAMES[kind]  # name in a sentence, such as "laser scan"
-    # topics, or names of parameters, that the visible displays of this kind show
-    sources = [display.source for display in view.displays if display.kind == kind]
-    # correction for a display that shows something else; a display of frames has no such setting
-    corrections = {
-        SCAN: f"set the topic of the display {name} to {scan_topic}",
-        ROBOT: f"set the Robot Description of the display {name} to robot_description",
-    }
-    if sources and kind in corrections:
-        return f"{what} not visible: its display shows {', '.join(sources)}", corrections[kind]
-    if kind in [display.kind for display in view.off]:
+    # Topics or robot descriptions that the displays of this kind show; all are wrong, because otherwise the
+    # view would not lack this display. A TF display has no topic, so it is never wrong.
+    wrong_sources = [display.source for display in view.displays if display.kind == kind]
+    if wrong_sources:
+        evidence = f"{what} not visible: its display shows {', '.join(wrong_sources)}"
+        if kind == SCAN:
+            return evidence, f"set the topic of the display {name} to {scan_topic}"
+        return evidence, f"set the Robot Description of the display {name} to robot_description"
+    if any(display.kind == kind for display in view.off):
         evidence = f"{what} not visible: its display is switched off or transparent"
         return evidence, f"tick the display {name}, with an alpha and a size above 0"
     return f"{what} not visible: there is no display {name}", f"add the display {name}"
