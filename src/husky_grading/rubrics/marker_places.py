@@ -149,7 +149,7 @@ def _judge_together(recording: Recording, markers: Sequence[MarkerSample], rules
             parts.append(f"{percent_with_points:.0f} % {direction}")
         evidence += f"; near enough for points: {', '.join(parts)}"
     placement = _with_fault(recording, added, wrong, Placement(score, evidence, wrong[0].at), rules)
-    return _with_number_drawn(placement, added, wrong)
+    return _with_number_of_markers(placement, added, wrong)
 
 
 def _with_fault(
@@ -187,28 +187,29 @@ def _with_fault(
     return Placement(score, evidence, placement.at, fault)
 
 
-def _with_number_drawn(
+def _with_number_of_markers(
     placement: Placement, added: Sequence[MarkerSample], wrong: Sequence[MarkerSample]
 ) -> Placement:
-    """Return a placement that also says how many markers RViz draws at the same time, if there are several.
+    """Return a placement that also says how many different markers came in the run, if there are several.
 
-    A marker replaces an older marker only if topic, namespace and id are the same. Otherwise RViz draws both.
-    The score of a moment then needs the fraction MOST, which is half, of the drawn markers.
+    Markers are different if their topic, namespace or id is different. A marker does not replace a different
+    one, so RViz draws both. The score of a moment then needs the fraction MOST, which is half, of the drawn
+    markers.
 
     Args:
         placement: placement with the fault of the wrong markers.
         added: all markers that are judged together.
         wrong: markers among them with a score below 1.
     """
-    number_drawn = len({(marker.topic, marker.namespace, marker.id) for marker in added})
-    if number_drawn == 1:
+    number_different = len({(marker.topic, marker.namespace, marker.id) for marker in added})
+    if number_different == 1:
         return placement
     fault = placement.fault
     # if half of the markers that came are right, points are lost only because RViz still draws older markers
     number_right = len(added) - len(wrong)
     if fault is None and number_right >= MOST * len(added):
         fault = Kind.OLD_ONES
-    text = f"{number_drawn} markers in {_holder_of(added)}, and half of the drawn ones must be right"
+    text = f"{number_different} markers in {_holder_of(added)}, and half of the drawn ones must be right"
     return replace(placement, evidence=f"{placement.evidence}; {text}", fault=fault)
 
 
