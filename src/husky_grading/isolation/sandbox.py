@@ -18,6 +18,7 @@ import subprocess
 import sys
 import sysconfig
 from dataclasses import dataclass
+from enum import IntEnum
 from functools import lru_cache
 from itertools import chain
 from pathlib import Path
@@ -199,16 +200,19 @@ def _secrets(folder: str) -> List[Path]:
     return secrets
 
 
-# purposes of mounts: cover a folder by an empty folder, show a path read-only, and show a folder that the
-# program may write. At the same depth, mounts are made in the order of these numbers.
-HIDE, SHOW, WRITE = 0, 1, 2
+class _Purpose(IntEnum):
+    """Purpose of a mount; of paths with the same number of folders, those with a smaller value come first."""
+
+    HIDE = 0  # an empty folder covers the folder
+    SHOW = 1  # the program can read the path
+    WRITE = 2  # the program can write the folder
 
 
 class _Mount(NamedTuple):
     """Mount of a path in the sandbox."""
 
     path: Path
-    purpose: int  # HIDE, SHOW or WRITE
+    purpose: _Purpose
     options: List[str]  # options of bubblewrap
 
 
@@ -223,15 +227,15 @@ def _mounts(workspace: Workspace, folder: Path, env: Dict[str, str]) -> List[str
     writable = folder.resolve()
     needed = _needed_folders(workspace, env)
     hidden, shown = _hidden_and_shown(workspace, writable, needed, _homes_to_hide(env))
-    mounts = [_Mount(path, HIDE, ["--tmpfs", str(path)]) for path in hidden]
-    mounts += [_Mount(path, SHOW, ["--ro-bind", str(path), str(path)]) for path in shown]
+    mounts = [_Mount(path, _Purpose.HIDE, ["--tmpfs", str(path)]) for path in hidden]
+    mounts += [_Mount(path, _Purpose.SHOW, ["--ro-bind", str(path), str(path)]) for path in shown]
     visible = {*shown, *(Path("/", name) for name in SYSTEM)}  # the system's folders are always shown
     # a search path may lead through a symbolic link, so the link must exist in the sandbox, too
     for link in _missing_links(needed, visible, hidden):
-        mounts.append(_Mount(link, SHOW, ["--symlink", os.readlink(link), str(link)]))
-    mounts.append(_Mount(writable, WRITE, ["--bind", str(writable), str(writable)]))
-    # The mounts are made in this order. Outer folders come first, because inner paths are mounted into them.
-    # At the same depth, hidden folders come first, so a path that is both hidden and shown is shown.
+        mounts.append(_Mount(link, _Purpose.SHOW, ["--symlink", os.readlink(link), str(link)]))
+    mounts.append(_Mount(writable, _Purpose.WRITE, ["--bind", str(writable), str(writable)]))
+    # Mounts of outer folders are made first, because inner paths are mounted into them. If a path is both
+    # hidden and shown, it is hidden first, so it is shown in the end.
     mounts.sort(key=lambda mount: (len(mount.path.parts), mount.purpose))
     options = chain.from_iterable(mount.options for mount in mounts)
     # / and the hidden folders are empty at first, so bubblewrap creates the folders in which it mounts the
