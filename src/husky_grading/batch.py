@@ -176,7 +176,7 @@ def _look_up_results(
         job = job_of(hand_in, overrides.get(hand_in.name, Override()), config, batch)
         job = replace(job, installed=installed)
         if hand_in.problem:
-            # an earlier result is removed, because now the student has two entries, such as bob and bob.zip
+            # the student has two entries, and an earlier result belongs to only one of them, so it is removed
             remove_tree(Path(job.out))
             results[job.name] = unmarked(job, hand_in.problem)
             continue

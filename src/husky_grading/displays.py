@@ -60,7 +60,7 @@ class RvizView(RvizConfig):
 
     @property
     def clouds(self) -> Tuple[RvizDisplay, ...]:
-        """Return the displays of points, with or without transforms that make them visible."""
+        """Return the displays of point clouds, even if no transform makes them visible."""
         return tuple(display for display in self.displays if display.kind == CLOUD)
 
 

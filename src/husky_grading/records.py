@@ -24,8 +24,8 @@ DEFAULT_ROBOT, SMB = "husky", "smb"
 # with this value, `grade` chooses the robot itself: by the submission's files, or by the topic of scans to
 # which the submission subscribes
 AUTO = "auto"
-# longest wall time of a run [s]: WALL_BASE, plus WALL_SLOWNESS times the wall time of a run at its maximum
-# real-time factor
+# longest wall time of a run [s]: WALL_BASE, plus WALL_SLOWNESS times the wall time that the run would take at
+# its maximum real-time factor
 WALL_BASE, WALL_SLOWNESS = 300.0, 20.0
 # [m/s] The robot rams the pillar if it touches the pillar faster than `gentle` plus this margin. The margin
 # is needed because the robot does not follow a command exactly.

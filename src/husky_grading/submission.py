@@ -63,7 +63,7 @@ class NamedRobot:
     """Robot that a submission's files name."""
 
     version: str = ""  # name of the robot, a key of ROBOT_VERSIONS
-    why: str = ""  # a sentence
+    why: str = ""  # reason why this is the robot, in a sentence
     # false if `grade` may still choose another robot, by the topic of scans to which the submission
     # subscribes
     is_certain: bool = False

@@ -24,7 +24,7 @@ _SETUPS: Dict[Tuple[str, ...], Tuple[Dict[str, Any], List[str]]] = {}
 
 
 class BringUp(Protocol):
-    """Function that starts the simulator of a run, or the program in its place, and waits until it is up."""
+    """Function that starts the simulator, or in exercise 4 the bag player, and waits until it is up."""
 
     def __call__(
         self, network: Network, trial: Trial, config: MarkingConfig, truth_socket: str = ""

@@ -23,8 +23,8 @@ NEVER = 12.0
 # are both true
 PAST = 10.0  # [m] the gap between robot and pillar is larger by this than the smallest gap so far
 LEAVING = 5.0  # [s] the robot has driven away from the pillar in a straight line for this simulated time
-# [rad] a robot whose heading changes by more than this has left the straight line; a robot that stays below
-# this value for LEAVING would need 80 s to turn round
+# [rad] A robot whose heading changes by more than this has left the straight line. A robot that turns more
+# slowly, so less than this in LEAVING, would need 80 s for half a turn, so it does not come back in time.
 STRAIGHT = 0.2
 NODES_ENDED = Note(Kind.NODES_ENDED, f"its nodes had ended, and it stood still for {ABANDONED:g} s")
 NO_COMMAND = Note(Kind.NODES_ENDED, "its nodes had ended without a command")

@@ -15,9 +15,10 @@ LOOK_PERIOD = 0.5  # [s] wall time between two queries of the ROS graph
 # [s] a program is idle if none of its threads has run for the wall time IDLE; before it has subscribed to a
 # topic, IDLE_BEFORE counts, because some controllers first sleep for 10 s
 IDLE, IDLE_BEFORE = 2.0, 12.0
-# A program that publishes in a loop is never idle. It has settled if it has registered nothing new at the ROS
-# master while it computed or slept for SETTLED [s] in total, and computed for SETTLED_CPU [s] of them. Both
-# times are NODE_MISSING times as long while one of its nodes has not registered at all.
+# A program that publishes in a loop is never idle, but it settles. It has settled if both are true since its
+# last new registration at the ROS master: its CPU time is above SETTLED_CPU [s], and its CPU time and its
+# sleep together are above SETTLED [s]. Both limits are multiplied by NODE_MISSING while one of its nodes has
+# not registered at all.
 SETTLED, SETTLED_CPU, NODE_MISSING = 5.0, 0.5, 4.0
 # [s] a program that is neither idle nor settled is waited for until it has used this CPU time, but at most
 # for this wall time

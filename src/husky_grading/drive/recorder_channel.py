@@ -30,7 +30,7 @@ class Assignment:
 
 @dataclass(frozen=True)
 class GoOn:
-    """Message to the recorder: take part in place of the submission, because otherwise time never begins."""
+    """Message to the recorder: join the run, although the submission is not ready, so that time begins."""
 
 
 @dataclass(frozen=True)

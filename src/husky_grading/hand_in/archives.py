@@ -28,17 +28,14 @@ PROGRAM = "husky_grading.hand_in.archives"
 SUFFIXES = (".zip", ".tar.gz", ".tgz", ".tar.bz2", ".tbz2", ".tar.xz", ".txz", ".tar")
 UNREAD = (".7z", ".rar", ".tar.zst")  # endings of archives that cannot be opened
 # limits of a submission: number of its files, and size of all its files together [bytes]
-MAX_FILES, MAX_BYTES = (
-    20_000,
-    500_000_000,
-)
+MAX_FILES, MAX_BYTES = 20_000, 500_000_000
 MAX_FILE = 100_000_000  # [bytes] largest file that is unpacked; a rosbag may be larger and is left out
 MAX_NAMED = 5  # a note on files that are left out has at most this number of names
 UTF_8 = 0x800  # bit in the flags of a file in a zip archive: the file's name is UTF-8, not code page 437
 CHUNK = 1 << 16  # [bytes] files are copied in pieces of this size
 OWNER_EXECUTES = 0o100  # bit in a file's mode: the owner may execute the file
-# limits for unpacking one archive: memory [bytes]; CPU time and wall time, each [s]
-MEMORY, DEADLINE = 1_000_000_000, 120
+MEMORY = 1_000_000_000  # [bytes] the program that unpacks an archive may use at most this memory
+DEADLINE = 120  # [s] this program may use at most this CPU time, and at most this wall time
 
 
 class _Member(NamedTuple):

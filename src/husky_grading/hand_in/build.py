@@ -49,8 +49,8 @@ LESS_COLLECTION = "--param ggc-min-heapsize=500000"
 # The compiler includes this header first in each C++ source. If a build fails, the grader may repair it by a
 # change of this header only, so CMake does not run again.
 PRELUDE = "marking_prelude.h"
-# with these headers, code such as publish(true) compiles; in ROS Noetic and older, a Release build compiles
-# such code without them
+# Newer versions of ROS compile code such as publish(true) only with these headers. Students may hand in such
+# code, because in ROS Noetic and older, a Release build compiles it without these headers.
 PLAIN_TYPES = "\n".join(
     ["#if defined(ROS_PACKAGE_NAME) && __has_include(<std_msgs/builtin_bool.h>)"]
     + [f"#include <std_msgs/builtin_{kind}.h>" for kind in ("bool", "float", "double")]

@@ -27,7 +27,8 @@ _MISSING_RETURN = re.compile(
 _NO_HEADER = re.compile(r"fatal error: \S+: No such file or directory")
 # CMake writes this line if a program that it calls fails
 _PROGRAM_FAILED = re.compile(r"^CMake Error at .*/safe_execute_process\.cmake:")
-# line of a Python traceback that is in a file of the submission; `build_error` makes only such paths relative
+# Line of a Python traceback with the relative path of a file. `build_error` has made the paths of the
+# submission's files relative, so files of other programs do not match.
 _TRACEBACK = re.compile(r'File "(?P<file>[^"/][^"]*)", line (?P<line>\d+)')
 
 

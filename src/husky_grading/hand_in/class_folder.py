@@ -1,6 +1,7 @@
 """Folder of a class: each first-level entry is one submission, with a name for people and a name for paths.
 
-In: a folder with entries as students, browsers and Moodle name them. Out: `HandIn` records.
+In: a folder whose entries have any names, because students, browsers and Moodle choose them. Out: `HandIn`
+records.
 
 Paths with quotes, blanks or colons do not work in CMake, make, catkin, roslaunch and ROS_PACKAGE_PATH. So a
 student's name is for people only, and paths use `HandIn.folder`.
@@ -32,7 +33,8 @@ class HandIn:
     name: str  # printable name of the student, as pages and marking.yaml show it
     path: Path  # folder or archive
     folder: str  # name of the folder of results, with only characters that are safe in a path
-    problem: str = ""  # reason why the submission cannot be marked, in a sentence; empty if it can be marked
+    # sentence that says that the student has two entries, such as bob and bob.zip; empty if there is only one
+    problem: str = ""
 
 
 def is_package(folder: Path) -> bool:

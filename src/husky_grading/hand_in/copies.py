@@ -16,8 +16,8 @@ from husky_grading.hand_in.packages import BUILT, Package
 from husky_grading.isolation.files import file_suffix, is_regular, remove_tree, walk
 
 MAX_TEXT = 1_000_000  # [bytes] paths of another computer are replaced only in launch files up to this size
-# first line of a Python script; its program may exist only on the student's computer, such as python2,
-# /home/ann/anaconda3/bin/python3, or python3 with a carriage return behind it, as on Windows
+# First line of a Python script. It may name a program that exists only on the student's computer, such as
+# python2 or /home/ann/anaconda3/bin/python3. An editor on Windows adds a carriage return to the name.
 _PYTHON = re.compile(rb"#!.*\bpython[\d.]*(?:\s.*)?")
 # first lines of a Python script that are right on every machine with ROS Noetic
 _USUAL_PYTHON = {b"#!/usr/bin/env python3", b"#!/usr/bin/python3"}

@@ -1,4 +1,4 @@
-"""Files of this package that an untrusted program sees, if the package is cloned, built or installed.
+"""Files of this package that an untrusted program sees; the package may be cloned, built or installed.
 
 In: a `VisibleCode`. Out: folders that the sandbox hides, and files that it shows in them.
 

@@ -171,7 +171,7 @@ def request_stop() -> None:
     """End all waits; if that does not end this program in time, kill it with all programs that it started."""
     if not STOP_REQUESTED.is_set():
         STOP_REQUESTED.set()
-        # After `os._exit`, each reaper.py kills its program, because the process that started it has ended.
+        # After `os._exit` has ended this process, each reaper.py that it has started kills its own program.
         # 2 is the exit code of `grade` after an interruption.
         last_resort = threading.Timer(STOP_DEADLINE, os._exit, [2])
         last_resort.daemon = True

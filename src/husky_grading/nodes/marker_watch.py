@@ -342,7 +342,7 @@ class MarkerWatch:
 
 
 def _is_file_of(folder: Path, place: str) -> bool:
-    """Return whether there is a file at `place`, a path that may be absolute, and it is below this folder."""
+    """Return whether `place`, a path in this folder or an absolute path, is a file below this folder."""
     with suppress(OSError, ValueError):  # a loop of links or a NUL character in the path raises an error
         return is_below(folder / place, folder) and is_regular(folder / place)
     return False
@@ -352,7 +352,7 @@ def _pose(marker: Marker) -> Pose:
     """Return a marker's pose in its frame, with a quaternion of length 1."""
     p, q = marker.pose.position, marker.pose.orientation
     length = float(np.linalg.norm((q.x, q.y, q.z, q.w)))
-    # no rotation; RViz also shows a quaternion of zeros without rotation
+    # no rotation; like RViz, a quaternion of zeros counts as no rotation
     quat: Quaternion = (0.0, 0.0, 0.0, 1.0)
     if length > 0.0:
         quat = (q.x / length, q.y / length, q.z / length, q.w / length)

@@ -548,4 +548,5 @@ def main(arguments: List[str]) -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main(sys.argv[2:]))  # argument 1 is the path of this file, which runpy runs
+    # `starter` lets runpy run this file, so argument 1 is the path of this file
+    sys.exit(main(sys.argv[2:]))
