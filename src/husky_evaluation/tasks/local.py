@@ -143,5 +143,8 @@ def _end_with_parent() -> None:
     Otherwise the processes of a killed command would continue to compute.
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    # A pool ends its processes by SIGTERM. If the main process has a Python handler for it, the handler could
+    # raise an error in a process that holds a lock of the pool, and the pool would wait forever for the lock.
+    signal.signal(signal.SIGTERM, signal.SIG_DFL)
     if sys.platform == "linux":
         ctypes.CDLL(None).prctl(SET_PARENT_DEATH_SIGNAL, signal.SIGKILL, 0, 0, 0)

@@ -155,9 +155,10 @@ def decide(
     # a scan older than the last scan means that the simulator was started again; odom is then another frame,
     # so all remembered positions are wrong
     stamp = observation.scan.stamp
-    if stamp < controller_state.updated_at:
+    was_restarted = stamp < controller_state.updated_at
+    if was_restarted:
         controller_state = ControllerState()
-    moved = _moved(controller_state, observation)
+    moved = was_restarted or _moved(controller_state, observation)
     if moved:
         controller_state = _put_elsewhere(controller_state)
 

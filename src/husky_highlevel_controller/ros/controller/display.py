@@ -127,14 +127,11 @@ class Display:
         every ARRAY_PERIOD, and at once if the state has changed.
         """
         stamp = observation.scan.stamp
-        # the stamps of scans only become smaller if the simulator was started again
-        has_time_gone_back = stamp < self._array_stamp
-        if has_time_gone_back:
-            self._array_stamp = -inf  # the array is due at once
         # `moved`: the robot was put elsewhere, or odom was reset. A new path begins, because the robot has
         # not driven from the last point of the path to its new place.
-        if has_time_gone_back or output.moved:
+        if output.moved:
             self._path.clear()
+            self._array_stamp = -inf  # the array is due at once
         if observation.base_in_odom is not None:
             self._extend_path(observation.base_in_odom)
         if self._marker_publisher.get_num_connections():

@@ -436,6 +436,15 @@ def test_a_robot_farther_off_than_30_cm_and_2_m_a_second_was_put_there(seconds, 
     assert toy.step().output.moved is moved
 
 
+def test_a_robot_whose_simulator_was_started_again_was_put_there():
+    toy = Toy([(6.0, 0.0, 0.2)])
+    toy.drive(3.0)
+    toy.pose, toy.time = Pose2D(), 0.0
+    first, *others = toy.drive(1.0)
+    assert first.output.moved
+    assert not any(step.output.moved for step in others)
+
+
 @pytest.mark.parametrize(("shift", "state"), [(0.08, State.ARRIVED), (0.13, State.DRIVING)])
 def test_an_arrived_robot_drives_again_when_the_pillar_is_10_cm_farther_off(shift, state):
     toy = Toy([(1.2, 0.0, 0.2)], period=0.05)
