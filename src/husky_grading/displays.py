@@ -37,6 +37,7 @@ class RvizConfig:
     # student handed in no configuration
     source: str = ""
     fixed_frame: str = ""
+    # displays that are switched on; RViz may still draw nothing for one of them, if its topic is wrong
     displays: Tuple[RvizDisplay, ...] = ()
     # displays that nobody can see: switched off, transparent, or with size 0
     off: Tuple[RvizDisplay, ...] = ()

@@ -373,8 +373,8 @@ class DriveRecorder:
     def _join_simulator(self, is_ready: bool) -> None:
         """Subscribe to the scans, and advertise commands if the submission is not ready.
 
-        The simulator also lets time begin only when a node subscribes to the scans and a node advertises
-        commands. A submission that is not ready may do neither, for example because its nodes have ended.
+        The simulator waits for a node that subscribes to the scans, and for a node that advertises commands.
+        A submission that is not ready may advertise no commands, for example because its nodes have ended.
         """
         if not is_ready:
             self._access.advertise_commands()

@@ -66,7 +66,7 @@ class DriveAccess:
         self._velocity: Optional[rospy.Publisher] = None  # made by `advertise_commands`
         self._requested_types: Set[str] = set()  # services whose types were requested
         self._known_types: Dict[str, str] = {}  # types by service; the threads of `_ask_type` add them
-        self._last_call: Optional[_Call] = None
+        self._last_call: Optional[_Call] = None  # call that `answer` waits for; None before the first call
 
     def advertise_commands(self) -> None:
         """Advertise velocity commands; lockstep then waits for the commands of this node."""
