@@ -220,8 +220,9 @@ def crossings(trace: Trace) -> int:
     first_bearing = after_alignment[0]
     # a bearing below ALIGNED counts as straight ahead, so it is on neither side
     large_bearings = after_alignment[np.abs(after_alignment) >= ALIGNED]
-    # The first bearing is small, but its sign is the side from which the robot has turned to the pillar. It
-    # counts, because otherwise the first swing to the other side would be missed.
+    # The first bearing is small, but its side counts, too. A robot that turns towards a pillar on its left is
+    # usually aligned while the pillar is still a little to the left. If it then swings past the pillar, this
+    # is the first change of the side.
     sides = np.sign(np.append(first_bearing, large_bearings))
     sides = sides[sides != 0.0]  # a first bearing of exactly 0 is on no side
     return int((np.diff(sides) != 0.0).sum())  # number of changes of the side

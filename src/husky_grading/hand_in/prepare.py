@@ -70,7 +70,7 @@ def prepare(job: Job, facts: Facts) -> Submission:
         MarkingError: no program can be started here.
     """
     out = Path(job.out)
-    _remove_earlier_results(out, has_folders=job.launchable is None)
+    _remove_earlier_results(out, has_delivered_files=job.launchable is None)
     workspace = Workspace(
         setups=tuple(map(Path, job.setups)), packages=tuple(map(Path, job.packages)),
         hidden=tuple(map(Path, job.hidden)),
@@ -82,14 +82,28 @@ def prepare(job: Job, facts: Facts) -> Submission:
         submission, planned = prepare_hand_in(job, workspace, facts)
     else:
         submission, planned = _prepare_launchable(job, job.launchable, workspace, facts)
+    submission = _with_findings(submission, planned, job, facts)
+    write_whole(out / WORKSPACE, to_json(submission))
+    return submission
+
+
+def _with_findings(submission: Submission, planned: Plan, job: Job, facts: Facts) -> Submission:
+    """Return a submission with what grading finds in its plan and files: nodes, robot, RViz file and notes.
+
+    Args:
+        submission: submission that is ready to be started, or has a problem.
+        planned: nodes that it would start, and notes on its launch file or node.
+        job: job of the submission.
+        facts: functions and settings with which the exercise reads the submission.
+    """
     rviz, sentences = _find_rviz(submission, planned)
     if planned.package_path:
         sentences += misspelt_dependencies(planned.package_path, submission.workspace)
     file_notes = [Note(Kind.HAND_IN, sentence) for sentence in sentences]
     problem = submission.problem
     if not problem and not planned.nodes:
-        problem = planned.notes  # the notes are the reasons why the submission starts no node
-    submission = replace(
+        problem = planned.notes  # reasons why the submission starts no node
+    return replace(
         submission,
         nodes=planned.nodes,
         problem=problem,
@@ -102,20 +116,18 @@ def prepare(job: Job, facts: Facts) -> Submission:
         facts=facts.read_facts(planned),  # facts that only this exercise needs
         made_of=job.made_of,  # hash by which a later marking knows that nothing has changed
     )
-    write_whole(out / WORKSPACE, to_json(submission))
-    return submission
 
 
-def _remove_earlier_results(out: Path, has_folders: bool) -> None:
+def _remove_earlier_results(out: Path, has_delivered_files: bool) -> None:
     """Delete what an earlier call has written into the job's folder `out`, and the recordings of its runs.
 
     Args:
         out: folder of the job.
-        has_folders: whether the job has delivered files. FOLDERS are made only for delivered files. If the
-            job names a launch file or node instead, a folder with such a name, for example `ws`, is the
-            teacher's and must stay.
+        has_delivered_files: whether the job has delivered files. FOLDERS are made only for delivered files.
+            If the job names a launch file or node instead, a folder with such a name, for example `ws`, is
+            the teacher's and must stay.
     """
-    names = (*FILES, *FOLDERS) if has_folders else FILES
+    names = (*FILES, *FOLDERS) if has_delivered_files else FILES
     for path in [*(out / name for name in names), *out.glob("drive_*")]:
         remove_tree(path)
 
@@ -294,6 +306,11 @@ def _prepare_choice(
     # the submission is started with its built packages and the copies of public packages
     packages_seen = (*built.workspace.packages, *public_folders.packages.values())
     workspace = _with_robot_packages(facts, replace(built.workspace, packages=packages_seen))
+    submission = Submission(
+        launchable, workspace, folders.root, problem=_problem_of_build(launchable, launch, built, folders),
+        notes=(*(Note(Kind.HAND_IN, text) for text in notes), *built.notes),
+        own=tuple(package.name for package in packages), equals=equal_places,
+    )  # fmt: skip
     if launch and launch.plan.is_read:
         planned = launch.plan
     else:
@@ -301,13 +318,7 @@ def _prepare_choice(
         # the build makes, so it is read again.
         planned = plan(launchable, workspace, Path(job.out, "plan"), facts.robot_packages)
     # roslaunch may have found the package at another path, but the student's files are in this copy
-    planned = replace(planned, package_path=folders.packages.get(launchable.package))
-    submission = Submission(
-        launchable, workspace, folders.root, problem=_problem_of_build(launchable, launch, built, folders),
-        notes=(*(Note(Kind.HAND_IN, text) for text in notes), *built.notes),
-        own=tuple(package.name for package in packages), equals=equal_places,
-    )  # fmt: skip
-    return submission, planned
+    return submission, replace(planned, package_path=folders.packages.get(launchable.package))
 
 
 def _explain_choice(

@@ -356,9 +356,10 @@ class CrashDetector:
         self._vertical = unit(minus(self._vertical, error, -pull)) or self._vertical
 
     def _force_without_driving(self, sample: ImuSample, imu_in_base: Quaternion) -> Vector3:
-        """Return the measured force without the accelerations of the wheels and of the curve [m/s^2].
+        """Return the measured force in the IMU's frame, without the accelerations by driving [m/s^2].
 
-        Without a shock, this force is only gravity.
+        These are the acceleration of the wheels, and the one of the curve. Without a shock, the rest is only
+        gravity.
         """
         ahead, left = self._ground_axes(imu_in_base)
         force = minus(sample.specific_force, ahead, self._wheel_acceleration(sample.stamp))
