@@ -272,8 +272,8 @@ class Gate:
         if reason is not None:
             return _response(http.HTTPStatus.FORBIDDEN, reason.encode(), "text/plain; charset=utf-8")
         if request.headers.get("Upgrade", "").lower() == "websocket":
-            # the answer None opens the WebSocket; `with_drive_channel` limits the number of connections,
-            # because two requests may come at the same time
+            # The answer None opens the WebSocket. The limit of connections is checked later, in
+            # `with_drive_channel`, because two requests that come together would both pass a check here.
             return None
         # each open page has one connection for its view, so this is the number of open pages
         if self._connections[VIEW] >= MAX_PAGES:

@@ -108,7 +108,7 @@ def _answers_of_pool(
             the second group as soon as it has ended the first one.
         waiting: numbers of the groups to send; a group that is sent is removed.
     """
-    running: Dict[Future, int] = {}  # number of the group whose answer the future will have
+    running: Dict[Future, int] = {}  # calls in the pool, each with the number of its group
     try:
         while waiting or running:
             while waiting and len(running) < max_running:

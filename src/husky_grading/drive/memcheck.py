@@ -190,7 +190,8 @@ def may_be_unwritten(text: str) -> bool:
     This is only a rough search, which decides whether the slow run in valgrind is worth its time.
     """
     text = _COMMENTS.sub("", text)
-    # the innermost parentheses are replaced first; then commas and "=" in parentheses are not found below
+    # Everything in parentheses is replaced, the innermost parentheses first. Otherwise the search below would
+    # take a comma or "=" in parentheses for a part of a declaration.
     for _ in range(MAX_NESTED):
         text = re.sub(r"\([^()]*\)", IN_PARENTHESES, text)
     if _MEMORY.search(text):

@@ -109,8 +109,8 @@ class Localization:
         # an estimate for the time of the reading itself comes later, because it must use the reading
         estimates = self._estimates(stamp - SAME_TIME)
         if not self._ekf.started:
-            # the first measurement starts the filter, so the first estimate is for the first full period that
-            # is not before this reading
+            # Estimates are for multiples of the period. The first measurement starts the filter, so the first
+            # estimate is for the first multiple that is not before this reading.
             self._next_period = ceil((stamp - SAME_TIME) * self._frequency)
         # [rad/s] yaw rate after the last measurement; 0 before the filter has started
         yaw_rate = float(self._ekf.estimate.state[YAW_RATE])

@@ -115,7 +115,7 @@ def _shape(collision: ET.Element, where: str, files: MeshFiles) -> Optional[Shap
     # the shape is a mesh, and x, y and z are its scale
     uri = element.get("filename", "")
     try:
-        # the source is the file that contains the URI; here the text comes from no file
+        # `source` would be the file that contains the URI; the URDF of an object does not come from a file
         return scaled_mesh(files.read(uri, source=""), (x, y, z))
     except MeshError as error:
         log.warning("%s: a mesh %s, and is left out: '%s'", where, error, uri)
