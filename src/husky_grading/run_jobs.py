@@ -115,9 +115,9 @@ def run_program(job: Job, shows_errors: bool = False) -> MarkingResult:
     process = Process(
         command, out / "mark.log", {**os.environ, **variables}, folder=Path("/"), shows_errors=shows_errors
     )
-    deadline = _deadline(job)
+    time_limit = _time_limit(job)
     try:
-        in_time = wait(lambda: not process.running, deadline)
+        in_time = wait(lambda: not process.running, time_limit)
     except StoppedError:
         process.interrupt()  # the marking program then ends the programs that it has started
         with contextlib.suppress(subprocess.TimeoutExpired):
@@ -125,46 +125,45 @@ def run_program(job: Job, shows_errors: bool = False) -> MarkingResult:
         raise
     finally:
         process.kill()
-    try:
+    with contextlib.suppress(HuskyError):  # raised if the program has left no result
         # after success, `mark` in the marking program has written the result, and its fingerprint if the
         # result may be kept
         return load_result(out / RESULT)
-    except HuskyError:  # the program has left no result
-        pass
-    if in_time:
-        # last 500 characters of the log; with `shows_errors` the log is empty, because the errors are on the
-        # terminal, above this sentence
-        output = " ".join(process.output.split())[-500:] or "its errors are above"
-        problem = f"the grader failed on {platform.node()} (exit code {process.popen.returncode}): {output}"
-        # There is no fingerprint, so the next call marks the submission again. But workspace.json stays, so
-        # the submission is not built again.
-    else:
-        problem = f"it was not graded within {deadline:g} s; --time-limit sets this limit"
-        _keep_result_of_timeout(job)
+    if not in_time:
+        return _result_of_timeout(job, time_limit)
+    # Last 500 characters of the log. With `shows_errors` the log is empty, because the errors are on the
+    # terminal, above this sentence.
+    output = " ".join(process.output.split())[-500:] or "its errors are above"
+    problem = f"the grader failed on {platform.node()} (exit code {process.popen.returncode}): {output}"
+    # no fingerprint is written, so the next call marks the submission again
     result = unmarked(job, problem)
     write_result(result, out)
     return result
 
 
-def _keep_result_of_timeout(job: Job) -> None:
-    """Let the next call with this time limit keep the result that a submission was not graded in time.
+def _result_of_timeout(job: Job, time_limit: float) -> MarkingResult:
+    """Write and return the result of a submission that was not graded within its time limit [s].
 
-    The next call keeps a result with a fingerprint. But with workspace.json, it would judge the stored runs
-    again if the rules have changed. These runs are incomplete, so workspace.json is removed.
+    The fingerprint lets the next call with this time limit keep the result, so that the class does not wait
+    for this submission again. With workspace.json, the next call would judge the stored runs again if the
+    rules have changed. These runs are incomplete, so workspace.json is removed.
     """
     out = Path(job.out)
     (out / WORKSPACE).unlink(missing_ok=True)
+    result = unmarked(job, f"it was not graded within {time_limit:g} s; --time-limit sets this limit")
+    write_result(result, out)
     write_whole(out / FINGERPRINT, fingerprint_of_timeout(job))
+    return result
 
 
-def _deadline(job: Job) -> float:
+def _time_limit(job: Job) -> float:
     """Return the longest wall time for grading a submission [s]."""
     return job.time_limit or DEADLINE + job.config.trials * job.config.wall_limit
 
 
 def fingerprint_of_timeout(job: Job) -> str:
     """Return the fingerprint of a submission that was not graded in time; it contains the time limit."""
-    return f"{job.fingerprint} within {_deadline(job):g} s"
+    return f"{job.fingerprint} within {_time_limit(job):g} s"
 
 
 def run_there(packed: Tuple[Job, PackedPath]) -> Files:

@@ -342,7 +342,7 @@ def _note_on_death(event: Event, last_error: str, own: Collection[str]) -> Note:
         # a node that ends by SIGABRT has printed the reason itself, so it does not count as NODE_CRASHED
         if code != -signal.SIGABRT:
             kind = Kind.NODE_CRASHED
-    # a fault of another package explains lost points only if no node of the student runs
+    # the fault is not in the submission; `judge` names such a fault only if no node of the submission runs
     if own and event.package and event.package not in own:
         kind = Kind.OTHERS_NODE
     # a node that ends with exit code 0 has no error; the last error in the output is from something else

@@ -95,7 +95,7 @@ class Listeners:
         if not self._sees_all_receivers:
             return False
         end = time.monotonic() + ASLEEP_FOR
-        last_look = None  # None before the first look
+        last_look: Optional[Look] = None  # None before the first look
         while True:
             look = self._look_if_receivers_wait()
             if look is None:
@@ -104,16 +104,17 @@ class Listeners:
             if passes_long_check or self._passes_short_check(last_look, look):
                 self._idle_look = look
                 return True
-            # for the short check, the second look follows the first look at once
-            if last_look is not None or not self._can_check_turns:
+            # the short check needs a second look, so this look follows the first one at once
+            is_second_look_next = last_look is None and self._can_check_turns
+            if not is_second_look_next:
                 time.sleep(LOOK_PERIOD)
             last_look = look
 
     def _look_if_receivers_wait(self) -> Optional[Look]:
-        """Look at all threads; return None in place of this look if a receiver of the topic runs.
+        """Look at all threads; None if a receiver of the topic, or another thread of this process, runs.
 
-        The result is also None if a thread of this process runs, because it may be about to send a message
-        to a receiver. But a process that receives only the clock may run.
+        A thread of this process may be about to send a message to a receiver. A process that receives only
+        the clock may run.
         """
         if self._own_threads.turns() is None:
             return None

@@ -217,6 +217,7 @@ def _meet_one(
     r"""Shorten the distances (N,) [m] of the beams that meet a solid, in place.
 
     The result is an upper bound of the distances at which beams meet the solid [m]; 0 if no beam can meet it.
+    If it is below `max_range`, the caller need not look for distances above `max_range`.
 
     Most beams cannot meet the solid, because they do not meet the ball around it. The scan plane cuts this
     ball in a circle round (x, y), which is drawn here from above. Only the beams within `half_angle` of the
@@ -248,7 +249,7 @@ def _meet_one(
 
 
 def _entry_function(
-    solid: RaySolid, center: Vector3, laser: Axes, way: float, may_be_inside: bool
+    solid: RaySolid, center: Vector3, laser: Axes, farthest: float, may_be_inside: bool
 ) -> Callable[[np.ndarray], np.ndarray]:
     """Return a function that computes the distances at which beams enter a solid.
 
@@ -260,7 +261,7 @@ def _entry_function(
         solid: the solid.
         center: centre of the solid in the laser's frame [m].
         laser: axes of the laser in the world.
-        way: largest distance at which a beam can meet the solid [m].
+        farthest: largest distance at which a beam can meet the solid [m].
         may_be_inside: true if the laser may be inside the solid.
     """
     formula: Formula = FORMULAS[solid.kind]
@@ -269,14 +270,14 @@ def _entry_function(
     enter = formula.enter
     if solid.kind == CYLINDER and not may_be_inside:
         (axis,), (_, _, half_length) = axes, solid.size
-        if _stays_between_ends(center, axis, half_length, way):
+        if _stays_between_ends(center, axis, half_length, farthest):
             enter = enter_flank  # faster, because it leaves out the ends; the laser must be outside
     rows_array, numbers_column = np.array(rows), np.array(numbers)[:, None]
     return lambda directions: enter(np.dot(rows_array, directions), numbers_column)
 
 
-def _stays_between_ends(center: Vector3, axis: Vector3, half_length: float, way: float) -> bool:
-    """Return whether all beams stay between the planes of a cylinder's two ends, for `way` m from the laser.
+def _stays_between_ends(center: Vector3, axis: Vector3, half_length: float, length: float) -> bool:
+    """Return whether all beams of a length stay between the planes of a cylinder's two ends.
 
     So these beams can meet only the side of the cylinder.
 
@@ -284,12 +285,12 @@ def _stays_between_ends(center: Vector3, axis: Vector3, half_length: float, way:
         center: centre of the cylinder in the laser's frame [m].
         axis: unit vector along the cylinder in the laser's frame.
         half_length: half of the cylinder's length [m].
-        way: length of the beams [m].
+        length: length of the beams [m].
     """
     x, y, _ = axis
-    laser_offset = abs(dot(center, axis))  # [m] way from the laser to the cylinder's middle along the axis
+    laser_offset = abs(dot(center, axis))  # [m] distance of the cylinder's middle along the axis
     # a beam has no z component, so it moves along the axis by at most hypot(x, y) for each metre
-    return laser_offset + hypot(x, y) * way <= half_length
+    return laser_offset + hypot(x, y) * length <= half_length
 
 
 def _beams_around(beams: Beams, middle: float, half_angle: float) -> List[Tuple[int, int]]:
