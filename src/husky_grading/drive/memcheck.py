@@ -118,6 +118,7 @@ def find_unwritten_variable(
         # submission, which is slow in valgrind
         simulator = simulate(network, trial, replace(robot.config, pace=PACE))
         process, _ = start_submission(network, submission, "memcheck")
+        # if `robot` is a wrong guess, this wait ends when the submission is idle, without a subscription
         gets_scans = _wait_for_subscription(network, submission, process, robot.config.scan_topic)
         final_choice = robot  # robot that is simulated in the end
         if robot.is_guess:
@@ -128,7 +129,7 @@ def find_unwritten_variable(
         if final_choice.config != robot.config:  # the guess was wrong, so another robot is simulated now
             simulator.kill()
             simulate(network, trial, replace(final_choice.config, pace=PACE))
-            # the submission has already subscribed to this robot's scans, and gets them if it still runs
+            # the submission has subscribed to this robot's scans before, so it gets them if it still runs
             gets_scans = process.running
         if gets_scans:
             _let_callbacks_run(process)

@@ -183,7 +183,9 @@ class ServiceWatch(Watch):
     def has_silenced(self, last_command: float) -> bool:
         """Return whether a call may be the reason why no command came after `last_command` [s, simulated].
 
-        Each call counts, because it may have asked for a stop. Missing commands are then no fault.
+        Then the missing commands are not a fault. A student chooses which value stops the robot, so each call
+        may have asked for a stop. A call long after `last_command` counts, too, because it may be the reason
+        for the rest of the silence.
         """
         calls = list(self._calls)
         if self._waiting_call:

@@ -150,7 +150,8 @@ def _starts_of_bodies(
 
     Returns:
         Indices in `beams` at which bodies begin, and indices in `beams` of beams to omit. A beam to omit is
-        the only beam on its body, and lies between two beams that may be on one pillar.
+        the only beam on its body, and lies between two beams that may be on one pillar. If there are beams to
+        omit, `cluster` calls this function again without them.
     """
     radius = config.pillar_radius + config.radius_tolerance  # [m] largest radius that a pillar may have
     noise = 2.0 * config.max_residual  # [m] largest difference of two ranges that noise makes
@@ -172,11 +173,12 @@ def _starts_of_bodies(
     (left,) = (has_step | has_gap).nonzero()
     if not len(left):
         return np.array((0,)), left  # all beams lie on one body; no beam is omitted, and `left` is empty
-    later_starts = left[on_two_bodies(left, left + 1)] + 1  # starts of all bodies but the first
+    last_of_body = left[on_two_bodies(left, left + 1)]  # last beam of each body but the last body
+    later_starts = last_of_body + 1  # first beam of each body but the first body
     # A body has a single beam if the next body begins at the next beam. For example, if bodies begin at 3, 4
     # and 9, the beam 3 is single.
-    is_single = later_starts[1:] == later_starts[:-1] + 1
-    single = later_starts[:-1][is_single]
+    starts, next_starts = later_starts[:-1], later_starts[1:]
+    single = starts[next_starts == starts + 1]
     # a single beam is omitted if the beams before and after it may lie on one pillar
     omitted = single[~on_two_bodies(single - 1, single + 1)]
     return np.concatenate(((0,), later_starts)), omitted

@@ -44,7 +44,7 @@ class SharedReceiver:
         threading.Thread(target=self._run, name="receiver", daemon=True).start()
 
     def receive_loop(self, connection: TCPROSTransport, callback: MessagesCallback) -> None:
-        """Take over a new connection; this method replaces rospy's method of this name.
+        """Take over a new connection; this method replaces rospy's `TCPROSTransport.receive_loop`.
 
         rospy calls this in the thread that has connected. rospy's own method would receive in that thread
         until the connection ends. This method returns at once, so that thread ends.

@@ -52,7 +52,7 @@ class FrameScope:
         frame of a <frame> is the frame in its `attached_to`. The default frame of any other member is the
         empty name, which means this world or model.
         """
-        members = {name: (model.child("pose"), "") for name, model in self._models.items()}
+        members = {name: (model.pose, "") for name, model in self._models.items()}
         for node in (*self.holder.children("link"), *self.holder.children("frame")):
             members[node.named()] = node.child("pose"), node.element.get("attached_to", "")
         return members

@@ -42,11 +42,18 @@ class Model(NamedTuple):
     node: Node  # element <model>
     include: Optional[Node] = None  # <include> that adds the model; None if there is no <include>
 
-    def child(self, tag: str) -> Optional[Node]:
-        """Return the first child with a tag, from the <include> if it has one, otherwise from the <model>.
+    @property
+    def pose(self) -> Optional[Node]:
+        """Element <pose> of the <include>; if there is none, the <pose> of the <model>; None without both."""
+        return self._child("pose")
 
-        So an <include> can replace the pose and other values of the model that it includes.
-        """
+    @property
+    def static(self) -> Optional[Node]:
+        """Element <static> of the <include>; if there is none, that of the <model>; None without both."""
+        return self._child("static")
+
+    def _child(self, tag: str) -> Optional[Node]:
+        """Return the first child with a tag, from the <include> if it has one, otherwise from the <model>."""
         child = self.include.child(tag) if self.include else None
         return child or self.node.child(tag)
 

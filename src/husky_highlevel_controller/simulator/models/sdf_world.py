@@ -324,12 +324,12 @@ def _read_links(node: Node, model: _Place, assembly: Assembly) -> None:
 def _place_of_model(model: Model, name: str, parent: _Place) -> _Place:
     """Return a model as the place of its links: its frames, pose and flags, also those from its parent.
 
-    `name` is the name of the model in its parent; `_free_name` may have added a number to the name in the
-    file.
+    Args:
+        model: the model, whose `name` is the name in the file.
+        name: unique name of the model in its parent; it may have a number behind the name in the file.
+        parent: place that contains the model.
     """
-    # an <include> may replace the <pose> and the <static> of the model that it includes, but SDF allows no
-    # <self_collide> in an <include>
-    pose_in_parent, static = parent.frames.pose_of(model.child("pose")), model.child("static")
+    pose_in_parent = parent.frames.pose_of(model.pose)
     state = parent.state.of("model", name)
     return _Place(
         # a <pose> refers to the model by its name in the file, so the frames get this name
@@ -338,7 +338,8 @@ def _place_of_model(model: Model, name: str, parent: _Place) -> _Place:
         full_name=parent.full_name_of(name),
         # if the saved state of the world has a pose for the model, this pose replaces the <pose>
         pose_in_world=state.pose_in_world or compose(parent.pose_in_world, pose_in_parent),
-        static=parent.static or bool(static and static.flag()),
+        static=parent.static or bool(model.static and model.static.flag()),
+        # SDF allows no <self_collide> in an <include>
         self_collides=parent.self_collides or _is_set(model.node.child("self_collide")),
     )
 
