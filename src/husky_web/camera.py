@@ -37,9 +37,10 @@ class Camera:
 
     def __init__(self, client: viser.ClientHandle) -> None:
         self._client = client  # page to which the camera belongs
-        self._name = FOLLOW  # chosen camera, one of CAMERAS
-        # true after a choice, until the camera moves to the offset of the chosen camera
-        self._has_new_choice = True
+        # Chosen camera, one of CAMERAS, and the number of choices so far. They are one tuple, because another
+        # thread may choose during an update.
+        self._choice = (FOLLOW, 1)
+        self._choices_obeyed = 0  # number of the last choice to whose offset the camera has moved
         self._target: Vector3 = (0.0, 0.0, 0.0)  # [m] position that the camera looks at, in the fixed frame
         # [rad] yaw of the frame in which `_offset` is given; this frame turns with the robot
         self._yaw = 0.0
@@ -51,7 +52,8 @@ class Camera:
 
     def choose(self, name: str) -> None:
         """Choose one of CAMERAS."""
-        self._name, self._has_new_choice = name, True
+        _, number = self._choice
+        self._choice = (name, number + 1)
 
     def update(self, base: Optional[Pose], pillar: Optional[Vector3]) -> None:
         """Move the page's camera with the robot or the pillar, both in the fixed frame [m].
@@ -59,18 +61,19 @@ class Camera:
         The camera jumps if another camera was chosen, or if its target is suddenly far away. Otherwise it
         follows its target smoothly, and the page's mouse can change its offset from the target.
         """
-        target = self._target_now(base, pillar)
+        name, number = self._choice
+        target = _target_of(name, base, pillar)
         if target is None:
             return
         yaw = 0.0
-        if base is not None and self._name == FOLLOW:  # only this camera turns with the robot
+        if base is not None and name == FOLLOW:  # only this camera turns with the robot
             yaw = yaw_from_quat(base.quat_xyzw)
         way = dist(target, self._target)  # [m] motion of the target since the camera was moved last
-        # a choice that a person makes after this line counts in the next update
-        has_new_choice, self._has_new_choice = self._has_new_choice, False
+        has_new_choice = number > self._choices_obeyed
         if has_new_choice:
+            self._choices_obeyed = number
             self._begin_jump(yaw)
-            self._offset = OFFSETS[self._name]
+            self._offset = OFFSETS[name]
         elif way < JUMP:
             turn = TURN_SHARE * wrap_angle(yaw - self._yaw)
             if way < STILL and abs(turn) < STILL_ANGLE:
@@ -87,14 +90,6 @@ class Camera:
             look(self._client.camera, position, target)
         self._sent.append(position)
         self._target = target
-
-    def _target_now(self, base: Optional[Pose], pillar: Optional[Vector3]) -> Optional[Vector3]:
-        """Return the position [m] that the camera must look at; None if the camera must stay where it is."""
-        robot = None if base is None else base.position
-        subject = pillar if self._name == PILLAR else robot
-        if subject is None or self._name == FREE:
-            return None
-        return (subject[0], subject[1], subject[2] + AIM)
 
     def _begin_jump(self, yaw: float) -> None:
         """Turn the camera to a yaw [rad] at once, and forget the positions from before the jump."""
@@ -126,3 +121,18 @@ class Camera:
         # the same direction in the frame that turns with the robot
         x, y, z = rotate(quat_from_rpy(0.0, 0.0, -self._yaw), from_target)
         self._offset = (distance * x, distance * y, distance * z)
+
+
+def _target_of(name: str, base: Optional[Pose], pillar: Optional[Vector3]) -> Optional[Vector3]:
+    """Return the position [m] that a camera must look at; None if the camera must stay where it is.
+
+    Args:
+        name: name of the camera, one of CAMERAS.
+        base: pose of the robot.
+        pillar: position of the pillar [m].
+    """
+    robot = None if base is None else base.position
+    subject = pillar if name == PILLAR else robot
+    if subject is None or name == FREE:
+        return None
+    return (subject[0], subject[1], subject[2] + AIM)

@@ -72,3 +72,20 @@ def test_the_camera_is_sent_nothing_while_the_robot_stands(monkeypatch):
     for _ in range(10):
         follow.update(pose(1.0), None)
     assert len(browser.sent) == 1
+
+
+def test_a_camera_that_is_chosen_during_an_update_counts_in_the_next_update(monkeypatch):
+    browser = Browser(monkeypatch)
+    moving = camera.Camera(browser)
+    pillar = (9.0, 0.0, 1.0)
+
+    def choose_meanwhile(name):
+        monkeypatch.setattr(camera, "yaw_from_quat", lambda _: moving.choose(name) or 0.0)
+        moving.update(pose(0.0), pillar)
+
+    choose_meanwhile(camera.FREE)
+    moving.choose(camera.FOLLOW)
+    choose_meanwhile(camera.PILLAR)
+    moving.update(pose(0.0), pillar)
+    _, target = browser.sent[-1]
+    assert target[:2] == pillar[:2]
