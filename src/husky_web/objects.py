@@ -181,13 +181,7 @@ class Objects:
         # slashes in the names are replaced, because viser would read each as a level of its tree of nodes
         path = f"/objects/{quote(topic, safe='')}/{quote(marker.name, safe='')}"
         node = self._scene.add_frame(path, show_axes=False)
-        shapes: List[Any] = []
-        # a Marker for each part of the object's shape
-        parts = [part for control in marker.controls for part in control.markers]
-        for number, part in enumerate(parts):
-            # a ground is left out, because the page draws its own
-            pieces = [piece for piece in primitives(part) if not _is_ground(piece)]
-            shapes += clickable(add_pieces(self._scene, f"{path}/{number}", pieces, pose_of(part) or Pose()))
+        shapes = self._draw_parts(path, marker)
         if shapes:
             low, high = bounds(shapes)
             # the shadow is just above the height of the object's lowest point
@@ -203,6 +197,21 @@ class Objects:
             is_movable=any(control.interaction_mode in MOVABLE for control in marker.controls),
         )
         self.on_new(key, self.shown[key])
+
+    def _draw_parts(self, path: str, marker: InteractiveMarker) -> List[Any]:
+        """Draw the parts of an interactive marker below the node at `path`, and return the drawn shapes.
+
+        A part without a valid pose is left out, as in RViz. A ground is left out, because the page draws its
+        own.
+        """
+        shapes: List[Any] = []
+        parts = [part for control in marker.controls for part in control.markers]
+        for number, part in enumerate(parts):
+            pose = pose_of(part)
+            if pose is not None:
+                pieces = [piece for piece in primitives(part) if not _is_ground(piece)]
+                shapes += clickable(add_pieces(self._scene, f"{path}/{number}", pieces, pose))
+        return shapes
 
     def _erase(self, key: ObjectKey) -> None:
         """Remove an object from the view, if it is shown."""

@@ -259,7 +259,8 @@ def load_launchable(
 ) -> roslaunch.config.ROSLaunchConfig:
     """Read a launch file or node, write the event "plan", and return the configuration of the nodes to start.
 
-    Nodes that marking starts itself, such as the simulator and RViz, are left out.
+    Nodes that marking starts itself, such as the simulator, are left out. RViz is left out, too, because only
+    its configuration file is graded.
 
     Args:
         launchable: `--launch PACKAGE FILE [ARGUMENTS]` or `--node PACKAGE TYPE [ARGUMENTS]`.
@@ -269,7 +270,6 @@ def load_launchable(
     """
     loader = TolerantLoader(reporter, ours.files)
     config = read_launchable(launchable, reporter, loader)
-    # RViz is not started, but its configuration file is graded
     nodes = sort_nodes([node for node in config.nodes if node.package != "rviz"], reporter, ours)
     rviz = graded_rviz([node for node in config.nodes if node.package == "rviz"], ours)
     config.nodes = nodes.to_start

@@ -533,9 +533,10 @@ def _action_at_stop(
     pillar_seen: bool,
     control: ControlConfig,
 ) -> Optional[_Action]:
-    """Return the action of a robot that is at its stop position; None if the robot must still drive there.
+    """Return the action of a robot that need not drive on; None if the robot must still drive.
 
-    The robot arrives only if it sees the pillar. Otherwise it turns the lidar to the remembered position.
+    A robot at its stop position arrives only if it sees the pillar. Otherwise it turns the lidar to the
+    remembered position. A robot that shall touch the pillar must drive on until it has touched.
 
     Args:
         controller_state: memory; `close_at` and `updated_at` are of this scan, `state` is of the last scan.
@@ -545,15 +546,16 @@ def _action_at_stop(
         control: gains and limits.
     """
     shall_touch = to_be_touched(target, control)
-    # [m] the robot is at its stop position if `remaining` is at most this
-    tolerance = TOUCH_GAP if shall_touch else control.arrival_tolerance
-    is_at_stop = remaining <= tolerance
-    # a robot that shall touch the pillar creeps on at its stop position, until it has surely touched
-    is_finished = _has_touched(controller_state) if shall_touch else is_at_stop
+    if shall_touch:
+        is_at_stop = remaining <= TOUCH_GAP
+        # the robot creeps on at its stop position, until it has surely touched
+        is_finished, place = _has_touched(controller_state), "touching the pillar"
+    else:
+        is_at_stop = remaining <= control.arrival_tolerance
+        is_finished, place = is_at_stop, "at the stop distance"
     # an arrived robot stays although it does not see the pillar, until `remaining` exceeds RESUME_DISTANCE
     stays = controller_state.state is State.ARRIVED and remaining <= RESUME_DISTANCE
     if (pillar_seen and is_finished) or stays:
-        place = "touching the pillar" if shall_touch else "at the stop distance"
         return _Action(State.ARRIVED, STOP, f"arrived: {place}")
     if is_at_stop and not pillar_seen:
         twist = heading_twist(target.bearing, 0.0, control)

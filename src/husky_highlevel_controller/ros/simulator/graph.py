@@ -183,8 +183,8 @@ class GraphWatch:
         # this node, and the nodes whose messages on /clock have already caused a warning
         self._clock_nodes = {rospy.get_name()}
         self._clock_subscriber: Optional[rospy.Subscriber] = None  # made when a second node advertises /clock
-        # types of the topics in each list for which a node was asked; a node is asked only once for a list,
-        # because a question to each node at each look would cost time
+        # Types of the topics in each list. Nodes are asked for these types. A node is asked again only if its
+        # list has changed, because asking each node at each look would cost time.
         self._kinds_of_lists: Dict[_TopicList, Kinds] = {}
         # [s] simulated time at which each mistake was first seen
         self._first_seen_at: Dict[Mistake, float] = {}
