@@ -180,9 +180,8 @@ class Markers:
         self.shown: Dict[MarkerKey, Marker] = {}  # the marker whose message came last is the last one
         self.is_full = False  # true if a marker was left out, because the cost would exceed MAX_COST
         self._cost = 0
-        self._ends: Dict[
-            MarkerKey, float
-        ] = {}  # [s] ROS time of the end of the lifetime, for markers with one
+        # [s] ROS time of the end of the lifetime, of each marker that has a lifetime
+        self._ends: Dict[MarkerKey, float] = {}
         self._last_time = 0.0  # [s] ROS time of the last call of `expire`
 
     def apply(self, topic: str, marker: Marker, now: float) -> None:

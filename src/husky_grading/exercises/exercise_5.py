@@ -341,8 +341,8 @@ def _judge_no_stop(
     They get no points, or are graded by hand if the submission has another service that may stop the robot.
 
     Args:
-        stop: item on stops, without evidence.
-        start: item on starts, without evidence.
+        stop: item on stops, so far with 0 points and without evidence.
+        start: item on starts, so far with 0 points and without evidence.
         service: name of the service.
         effects: effects of the calls to a driving robot, at least one.
         observed: services of the submission, and nodes that call them.
@@ -359,8 +359,8 @@ def _judge_no_stop(
     # the text of the answer may say why the service has not obeyed
     if first_call.answer and not first_call.success:
         evidence += f" ({first_call.answer})"
-    # another node of the submission may call the service, too, and undo the calls of `grade`; a node looks
-    # the service up at each call
+    # Another node of the submission may call the service, too, and undo the calls of `grade`. Each call of a
+    # service looks it up, so the number of lookups shows such a node.
     other_callers = [
         f"{node} has looked it up {count} times" for node, count in observed.callers.items() if count >= MANY
     ]

@@ -290,8 +290,8 @@ def _prepare_choice(
         raise NotMarkableError("; ".join([str(error), *notes])) from error
     if candidates and override.launch:
         notes.append(f"launch file {candidates[0].place}: named in marking.yaml")
-    # `launch` is the launch file that is started: the first candidate of which a node was built. It is None
-    # if the teacher names a node, because then there are no candidates.
+    # `launch` is the launch file that is started: the first candidate with a node that could be built. It is
+    # None if the teacher names a node, because then there are no candidates.
     launch, built = _build_candidates(candidates, packages, folders, underlay)
     notes += repair_notes
     launchable = _launchable_of(launch, override)

@@ -52,8 +52,8 @@ KEPT_VARIABLES = (
     "PYTHONDONTWRITEBYTECODE", "OPENBLAS_NUM_THREADS", "CMAKE_POLICY_VERSION_MINIMUM",
 )  # fmt: skip
 
-# In the private network, this user counts as root. Without --cap-drop, the submission would keep the rights
-# of root, and could undo the mounts that hide files from it.
+# In a private network (see `private_network`), the user who runs `grade` counts as root. Without --cap-drop,
+# the submission would have the rights of root, too, and could undo the mounts that hide files from it.
 _BUBBLEWRAP = [
     "--die-with-parent", "--new-session", "--unshare-user", "--unshare-pid", "--unshare-ipc",
     "--cap-drop", "ALL",

@@ -169,9 +169,9 @@ class DriveRecorder:
                 self._send(Over())
                 self._hand_over(cause)
         except Exception:
-            # At the end of this program, rospy calls `_hand_over`. After an error it must not send an
-            # incomplete recording, so `_handed_over` is set. But if the error comes from a shutdown from
-            # outside, the recording is sent.
+            # At the end of this program, rospy calls `_hand_over`. It sends nothing if `_handed_over` is set.
+            # So an incomplete recording is not sent after an error. If this program was shut down from
+            # outside, the error is only a consequence of that, and the recording is sent.
             if not rospy.core.is_shutdown_requested():
                 self._handed_over = True
             raise

@@ -20,7 +20,8 @@ MOSTLY = 0.8
 # mirrored or the swapped position of the pillar
 IMAGE_SLOPE = 0.1
 COORDINATE_TOLERANCE = 0.05  # [m] a coordinate counts as 0, or as a whole number of metres, up to this error
-POSITION_TOLERANCE = 0.15  # [m] a marker counts as being at a position up to this distance from it
+# [m] a marker is at a position if its distance from the position is at most this
+POSITION_TOLERANCE = 0.15
 # [m] a coordinate above this probably comes from a variable that was never set
 OUT_OF_THE_WORLD = 1e6
 # [m] a marker loses no points if it is up to this height above the pillar or below the ground
@@ -63,7 +64,7 @@ class Seen(NamedTuple):
     y: float  # [m] y of the marker in base_link, positive to the left of the robot
     pillar_distance: float  # [m] distance from base_link to the pillar's axis
     pillar_bearing: float  # [rad] direction of the pillar in base_link, 0 ahead, positive to the left
-    tolerance: float  # [m] the marker counts as being at a position up to this distance from it
+    tolerance: float  # [m] the marker is at a position if its distance from the position is at most this
 
     @property
     def pillar_x(self) -> float:

@@ -253,7 +253,7 @@ class CrashDetector:
         if self._waiting_samples and sample.stamp < self._waiting_samples[-1][0].stamp - LONGEST_PERIOD:
             self._waiting_samples.clear()  # time goes back, and this is not just one sample that comes late
         self._waiting_samples.append((sample, imu_in_base))
-        # odometry sets this stamp to inf, so the first sample after odometry sets it
+        # inf since the last odometry, unless an earlier sample has replaced it by its own stamp
         self._odometry_silent_since = min(self._odometry_silent_since, sample.stamp)
         # a call returns only one crash, so after a crash the remaining samples wait for the next call
         loss = None

@@ -94,8 +94,10 @@ class ClockOffset:
         message_period = abs(stamp - begin.message) / (self._message_count - 1)
         # If the clocks are equal, the differences lie between 0 and `period`. For example, if a reference
         # comes every 0.1 s, the message of 0.53 s is compared with the reference of 0.5 s, and the difference
-        # is 0.03 s. Some message comes within `message_period` after a reference, so the smallest difference
-        # is at most this. For the same reason, the largest difference is less than `period` by at most this.
+        # is 0.03 s. If messages come more often than references, the first message after a reference comes
+        # within `message_period`, and the last message before the next reference comes within
+        # `message_period` of it. So with equal clocks, the smallest difference is at most `uncertainty`, and
+        # the largest difference is at least `period` minus `uncertainty`.
         uncertainty = min(period, message_period)
         # Delays in wall time also change the differences. If simulated time passes faster than wall time, the
         # same delay is longer in simulated time.

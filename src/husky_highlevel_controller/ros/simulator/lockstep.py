@@ -235,43 +235,49 @@ class Lockstep:
         if self._answered.is_set():
             return
         is_before_first_command = not self._has_commanded
-        began_at = time.monotonic()  # [s] wall time
-        attempted_at: Optional[float] = None  # [s] wall time of the attempt; None before the attempt
+        missing, began_at = "no command answers the scan", time.monotonic()
 
-        def attempt_is_due() -> bool:
-            """Return whether it is time to resend the scan, or to nudge the clock."""
-            waited = time.monotonic() - began_at  # [s]
-            if is_before_first_command:
-                # only the time decides, because a controller that is starting may look idle
-                return waited > RESEND_TIMEOUT and not self._answered.is_set()
-            return waited > SLEEP_TIMEOUT and is_asleep()
+        def is_answered() -> bool:
+            """Serve calls, and return whether the command comes within POLL_PERIOD."""
+            meanwhile()
+            return self._answered.wait(POLL_PERIOD)
 
-        def is_asleep() -> bool:
+        def seems_asleep() -> bool:
             """Return whether the listeners are idle and have not sent the command."""
             # the command may come while `asleep` looks at the listeners, so the command is checked last
             return self._listeners.asleep() and not self._answered.is_set()
 
-        def is_over() -> bool:
-            """Serve calls, make the attempt if it is due, and return whether the wait is over."""
-            nonlocal attempted_at
-            meanwhile()
-            if attempted_at is None:
-                if attempt_is_due():
-                    attempted_at = time.monotonic()
-                    attempt = resend if is_before_first_command else nudge
-                    attempt()
-            elif time.monotonic() - attempted_at > SLEEP_TIMEOUT and is_asleep():
-                # the attempt has not helped, so the controller sleeps
-                self._is_asleep = True
-                rospy.loginfo_once("lockstep: a controller is sleeping; advancing one scan at a time")
-                return True
-            return self._answered.wait(POLL_PERIOD)  # true if a command has come within POLL_PERIOD
+        def is_attempt_due() -> bool:
+            """Return whether it is time to resend the scan, or to nudge the clock."""
+            waited = time.monotonic() - began_at  # [s]
+            if is_before_first_command:
+                return (
+                    waited > RESEND_TIMEOUT
+                )  # a controller that is starting may look idle, so only time counts
+            return waited > SLEEP_TIMEOUT and seems_asleep()
 
-        self._wait_or_end_lockstep(is_over, ANSWER_TIMEOUT, missing="no command answers the scan")
-        was_nudged = attempted_at is not None and not is_before_first_command
-        if was_nudged and self._is_on and not self._is_asleep:
-            # the command came only when the nudge moved the clock
-            self._watch = _Watch.ALWAYS
+        self._wait_or_end_lockstep(lambda: is_answered() or is_attempt_due(), ANSWER_TIMEOUT, missing)
+        if self._answered.is_set() or not self._is_on or rospy.is_shutdown():
+            return
+        attempted_at = time.monotonic()
+        if is_before_first_command:
+            resend()
+        else:
+            nudge()
+
+        def has_attempt_failed() -> bool:
+            """Return whether the controller has had time to answer the attempt, and is idle."""
+            return time.monotonic() - attempted_at > SLEEP_TIMEOUT and seems_asleep()
+
+        self._wait_or_end_lockstep(
+            lambda: is_answered() or has_attempt_failed(), ANSWER_TIMEOUT, missing, began_at=began_at
+        )
+        if self._answered.is_set():
+            if not is_before_first_command:
+                self._watch = _Watch.ALWAYS  # the command came only when the nudge moved the clock
+        elif self._is_on:
+            self._is_asleep = True
+            rospy.loginfo_once("lockstep: a controller is sleeping; advancing one scan at a time")
 
     def _wait_until_idle(self, meanwhile: Callable[[], None]) -> None:
         """Wait until the listeners are idle; return at once if they are not watched.
@@ -301,7 +307,12 @@ class Lockstep:
             time.sleep(0.001)
 
     def _wait_or_end_lockstep(
-        self, done: Callable[[], bool], timeout: float, missing: str, period: float = 0.001
+        self,
+        done: Callable[[], bool],
+        timeout: float,
+        missing: str,
+        period: float = 0.001,
+        began_at: Optional[float] = None,
     ) -> None:
         """Wait until `done` returns true; after `timeout` [s] of wall time, end lockstep.
 
@@ -311,8 +322,9 @@ class Lockstep:
             timeout: longest wait, wall time [s].
             missing: part of the warning that lockstep ends; it says what has not come.
             period: wall time between two calls of `done` [s].
+            began_at: wall time at which the wait has begun [s]; None if it begins now.
         """
-        end = time.monotonic() + timeout
+        end = (time.monotonic() if began_at is None else began_at) + timeout
         while self._is_on and not rospy.is_shutdown() and not done():
             if time.monotonic() > end:
                 rospy.logwarn(

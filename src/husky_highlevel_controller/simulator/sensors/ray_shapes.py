@@ -182,8 +182,8 @@ def _enter_sphere(along: np.ndarray, numbers: np.ndarray) -> np.ndarray:
 class Formula(NamedTuple):
     """Intersection formula of one kind of shape, for beams in the xy plane of the laser's frame.
 
-    `prepare` does the work that is the same for all beams of a shape: it computes F rows and G numbers, see
-    `Prepared`. `enter` takes the scalar product of each row with the direction of each beam, and the numbers,
+    `prepare` computes what is the same for all beams of a shape: F rows, which are vectors (x, y), and G
+    numbers. `enter` takes the scalar product of each row with the direction of each beam, and the numbers,
     and returns the distance at which each of the P beams enters the shape.
     """
 

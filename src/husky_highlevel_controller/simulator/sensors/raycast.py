@@ -380,7 +380,9 @@ def _entries_of_pairs(
         count: number of pairs of each solid, (K,); the pairs of one solid come one after the other.
         direction: x and y of the direction of each pair's beam, (2, P).
     """
-    rows_of_solids, numbers_of_solids = formula.prepare(center, axes, size)  # shapes (F, 2, K) and (G, K)
+    # For each solid: F vectors (x, y), of which the formula needs the scalar products with the beams'
+    # directions, and G numbers, which are the same for all beams. The shapes are (F, 2, K) and (G, K).
+    rows_of_solids, numbers_of_solids = formula.prepare(center, axes, size)
     # the values of a solid are repeated for each of its pairs
     rows = np.array(rows_of_solids).repeat(count, axis=-1)  # (F, 2, P)
     numbers = np.array(numbers_of_solids).repeat(count, axis=-1)  # (G, P)
