@@ -122,9 +122,7 @@ class WorldTab:
         """
         poses = {}  # pose of each object that is neither the ground nor the robot
         for name, pose in self._poses().items():
-            # a body of a model with several links is called MODEL::LINK
-            model = name.partition("::")[0]
-            if model not in (GROUND, ROBOT):
+            if _model_of(name) not in (GROUND, ROBOT):
                 poses[name] = pose
         if point is None or not poses:
             raise HuskyError("there is no pillar to move")
@@ -133,8 +131,7 @@ class WorldTab:
 
     def _spawn(self, shape: str, size: Any, mass: float, pose: Pose) -> str:
         """Put a shape with the first free name, such as box_3, and return the simulator's sentence."""
-        # a body of a model with several links is called MODEL::LINK
-        taken = {body.partition("::")[0] for body in self._poses()}
+        taken = {_model_of(body) for body in self._poses()}
         number = 1
         while f"{shape}_{number}" in taken:
             number += 1
@@ -172,3 +169,8 @@ class WorldTab:
     def _on_shape(self, event: Any) -> None:
         """Show the usual size of the chosen shape."""
         self._size.value = SIZES[event.target.value]
+
+
+def _model_of(body: str) -> str:
+    """Return the model of a body by its name; a body of a model with several links is called MODEL::LINK."""
+    return body.partition("::")[0]

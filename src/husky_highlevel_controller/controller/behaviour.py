@@ -173,7 +173,10 @@ def decide(
 
     # memory for the next scan
     remaining = remaining_distance(target, control) if target else nan
-    at_pillar = action.state is State.ARRIVED or _is_still_at_pillar(controller_state, target, control)
+    # A robot that was at the pillar is still there while it is near, also if its service has stopped it. If
+    # no pillar is known, `remaining` is nan, and the comparison is false.
+    is_still_at_pillar = controller_state.at_pillar and remaining <= RESUME_DISTANCE
+    at_pillar = action.state is State.ARRIVED or is_still_at_pillar
     controller_state = controller_state._replace(
         state=action.state,
         at_pillar=at_pillar,
@@ -314,19 +317,6 @@ def _close_at(
     # The robot was close at the last scan. The measured gap has an error, so a gap just above TOUCH_GAP does
     # not show that the robot is no longer close. Only a gap above RESUME_DISTANCE shows this.
     return controller_state.close_at if target.gap <= RESUME_DISTANCE else None
-
-
-def _is_still_at_pillar(
-    controller_state: ControllerState, target: Optional[Target], control: ControlConfig
-) -> bool:
-    """Return whether the robot was at the pillar at the last scan, and has not left it since.
-
-    A robot that arrived and was then stopped by its service is still at the pillar. `target` is the pillar in
-    base_link; None if its position is unknown.
-    """
-    if target is None or not controller_state.at_pillar:
-        return False
-    return remaining_distance(target, control) <= RESUME_DISTANCE
 
 
 def _started_at(

@@ -251,9 +251,8 @@ class Lockstep:
             """Return whether it is time to resend the scan, or to nudge the clock."""
             waited = time.monotonic() - began_at  # [s]
             if is_before_first_command:
-                return (
-                    waited > RESEND_TIMEOUT
-                )  # a controller that is starting may look idle, so only time counts
+                # only the time decides, because a controller that is starting may look idle
+                return waited > RESEND_TIMEOUT
             return waited > SLEEP_TIMEOUT and seems_asleep()
 
         self._wait_or_end_lockstep(lambda: is_answered() or is_attempt_due(), ANSWER_TIMEOUT, missing)
