@@ -33,16 +33,17 @@ class Tuning:
     """Shows the values of the servers in fields, and sends the values of changed fields to the servers."""
 
     def __init__(self, server: viser.ViserServer, actions: Actions, tab: Any) -> None:
-        self._gui, self._actions, self._tab = server.gui, actions, tab
+        self._page, self._actions, self._tab = server, actions, tab
+        gui = server.gui
         # function that is called after a change with a text such as "p_gain_vel 0.5 \u2192 0.6"
         self.on_change: Callable[[str], None] = lambda change: None
         self._servers: Dict[str, _Server] = {}  # servers by name, each with the fields of its parameters
-        buttons = self._gui.add_button_group(
+        buttons = gui.add_button_group(
             "Parameters", ("Save", "Default values"), hint="Save: download all as YAML"
         )
         buttons.on_click(self._on_button)
-        self._gui.add_html(SMALL)  # makes the upload button after it small
-        upload = self._gui.add_upload_button("Load YAML", mime_type=".yaml,.yml")
+        gui.add_html(SMALL)  # makes the upload button after it small
+        upload = gui.add_upload_button("Load YAML", mime_type=".yaml,.yml")
         upload.on_upload(self._on_upload)
 
     def follow(self, published: List[Tuple[str, str]]) -> None:
@@ -56,7 +57,7 @@ class Tuning:
             self._servers.pop(name).close()
         for name in sorted(names - set(self._servers)):
             with self._tab:
-                self._servers[name] = _Server(name, self._gui, self._actions, self.on_change)
+                self._servers[name] = _Server(name, self._page, self._actions, self.on_change)
 
     def _on_button(self, event: Any) -> None:
         """Send all values to the browser as a file, or set every parameter to its default."""
@@ -97,9 +98,11 @@ class _Server:
     """Server of dynamic_reconfigure and its fields."""
 
     def __init__(
-        self, name: str, gui: viser.GuiApi, actions: Actions, on_change: Callable[[str], None]
+        self, name: str, page: viser.ViserServer, actions: Actions, on_change: Callable[[str], None]
     ) -> None:
-        self._name, self._gui, self._actions, self._on_change = name, gui, actions, on_change
+        self._name, self._gui, self._actions, self._on_change = name, page.gui, actions, on_change
+        # event loop in which viser receives the values that a person enters
+        self._loop = page.get_event_loop()
         self.parameters: List[Parameter] = []  # empty until the server has sent its description
         self.values: Dict[str, Any] = {}  # last value of each parameter that the server has sent
         # names, types and limits of the parameters, as the dynamic_reconfigure server has sent them
@@ -111,7 +114,7 @@ class _Server:
         # lock of the values and fields, because callbacks of ROS and of viser come in several threads; a
         # thread that holds the lock may take it again, because `_show` is called with and without the lock
         self._lock = threading.RLock()
-        self._folder = gui.add_folder(name.strip("/"))
+        self._folder = self._gui.add_folder(name.strip("/"))
         self._subscribers = (
             rospy.Subscriber(name + SUFFIX, ConfigDescription, self._on_description),
             rospy.Subscriber(f"{name}/parameter_updates", Config, self._on_update),
@@ -187,12 +190,22 @@ class _Server:
         return values
 
     def _show(self, values: Dict[str, Any]) -> None:
-        """Keep new values of the server, and show them, except in fields whose request waits to be sent."""
+        """Keep new values of the server, and show them in the fields soon."""
         with self._lock:
             for name, value in values.items():
                 if self.values.get(name, value) != value:  # a first value is not a change
                     self._on_change(change_text(name, self.values[name], value))
             self.values = {**self.values, **values}
+        self._loop.call_soon_threadsafe(self._fill_fields)
+
+    def _fill_fields(self) -> None:
+        """Show the kept values, except in fields whose request waits to be sent.
+
+        Only viser's event loop calls this function. In the same loop, viser puts the value that a person has
+        entered into the field, and `_on_field` reads it at once. Another thread that filled the fields could
+        overwrite the person's value before `_on_field` reads it, and the value would be lost.
+        """
+        with self._lock:
             for parameter in self.parameters:
                 name, field = parameter.name, self._fields.get(parameter.name)
                 if field is None or name not in self.values or name in self._unsent:
@@ -222,7 +235,12 @@ class _Server:
             )
         else:
             field = gui.add_number(label, value, hint=hint_with_range)
-        field.on_update(lambda event: self._on_field(parameter, event))
+
+        async def on_update(event: Any) -> None:
+            """Read the value at once; viser would call an ordinary function later, in another thread."""
+            self._on_field(parameter, event)
+
+        field.on_update(on_update)
         return field
 
     def _on_field(self, parameter: Parameter, event: Any) -> None:

@@ -43,6 +43,7 @@ window.requestAnimationFrame = work => {
   waiting.set(timer, work);
   return timer;
 };
+window.cancelAnimationFrame = timer => { clearTimeout(timer); waiting.delete(timer); };
 window.drawNow = () => waiting.forEach((work, timer) => {
   clearTimeout(timer); waiting.delete(timer); draw(work);
 });
@@ -60,6 +61,7 @@ NOTE_DRIVING = (
     " window.saidDriving = true; observer.disconnect();"
     "}).observe(document.body, {subtree: true, childList: true, characterData: true})"
 )
+UNMOVED = "document.getAnimations().every(item => item.playState !== 'running')"
 SKY = 20  # row of the view in which nothing is drawn
 # keeps each sentence of the state bar, for a test that may come too late to see it
 NOTE_STATES = """() => {
@@ -167,7 +169,35 @@ def opened(browser, address, selector=E_STOP, size=SIZE, has_touch=False):
 
 @pytest.fixture(scope="module")
 def page(browser, launched):
-    return opened(browser, launched)
+    page = opened(browser, launched)
+    wait_until_unfolded(page)
+    return page
+
+
+def wait_until_unfolded(page):
+    """A page that has just been opened unfolds its panel from below; until then, its elements move."""
+    wait_until(lambda: box_of(page, ".husky-e-stop")["y"] < SIZE["height"] / 2.0, "the panel is unfolding")
+    page.wait_for_function(UNMOVED)
+
+
+@pytest.fixture(autouse=True)
+def put_right(request):
+    """After a failure, end what the test has left pressed, paused or locked: the next one would fail, too."""
+    failed_before = request.session.testsfailed
+    yield
+    if request.session.testsfailed == failed_before or "page" not in request.fixturenames:
+        return
+    page, network = (request.getfixturevalue(name) for name in ("page", "network"))
+    page.mouse.up()
+    for key in ("w", "a", "Meta", "Space"):
+        page.keyboard.up(key)
+    network.run("rostopic", "pub", "-1", "/e_stop", "std_msgs/Bool", "false")
+    for service in ("husky_simulator/resume", "husky_simulator/reset"):
+        network.call(f"/{service}")
+    network.call("/husky_highlevel_controller/start_stop", "true")
+    page.reload()
+    page.wait_for_selector(E_STOP)
+    wait_until_unfolded(page)
 
 
 def show(page, tab):
@@ -176,6 +206,12 @@ def show(page, tab):
 
 def press(page, name):
     page.get_by_role("button", name=name, exact=True).click()
+
+
+def stand(page, network):
+    """Stop the controller, whatever it does; a person's command then is the only one."""
+    network.call("/husky_highlevel_controller/start_stop", "false")
+    page.get_by_role("button", name="Start", exact=True).wait_for()
 
 
 def release_e_stop(page, by_key=False):
@@ -263,8 +299,10 @@ def test_the_scene_fills_every_window_and_the_robot_is_in_the_middle_of_what_is_
 
     phone.wait_for_function(is_filled(390, 844))
     wait_until(lambda: yellow(phone)[0].size > 0, "the robot is drawn")
-    head = box_of(phone, ".husky-state")["y"]
-    assert 500.0 < head < box_of(phone, ".husky-e-stop")["y"] < 844.0 - 48.0
+    state, e_stop = partial(box_of, phone, ".husky-state"), partial(box_of, phone, ".husky-e-stop")
+    wait_until(lambda: 500.0 < state()["y"] < e_stop()["y"] < 844.0 - 48.0, "the panel is below the scene")
+    phone.wait_for_function(UNMOVED)
+    head = state()["y"]
     assert yellow(phone)[0].max() < head * COARSENESS
     pad = box_of(phone, ".husky-scene-pad")
     assert pad["y"] + pad["height"] < head
@@ -341,9 +379,6 @@ def test_the_log_is_filtered_by_text(page, network):
 
 def test_at_arrival_the_page_offers_to_move_the_pillar_and_to_drive_again(page, robot):
     arrived = ".husky-state:has-text('at the pillar')"
-    # a page that has just been opened unfolds its panel from below
-    wait_until(lambda: box_of(page, ".husky-e-stop")["y"] < SIZE["height"] / 2.0, "the panel is unfolding")
-    page.wait_for_function("document.getAnimations().every(item => item.playState !== 'running')")
     before_arrival = box_of(page, ".husky-e-stop"), box_of(page, "[role=tab]")
     page.wait_for_selector(arrived)
     assert (box_of(page, ".husky-e-stop"), box_of(page, "[role=tab]")) == before_arrival, "nothing jumps"
@@ -393,6 +428,7 @@ def test_a_slider_that_is_moved_slows_the_robot(page, robot, network):
 
 def test_a_parameter_that_is_changed_elsewhere_moves_the_slider(page, network):
     node = "/husky_highlevel_controller"
+    show(page, "Tune")
     network.run("rosrun", "dynamic_reconfigure", "dynparam", "set", node, "max_linear", "0.8")
     slider = slider_of(page, "max_linear")
     wait_until(lambda: float(slider.get_attribute("aria-valuenow")) == 0.8, "the slider has moved")
@@ -410,8 +446,8 @@ def wait_until_it_stands(page, robot):
     wait_until(lambda: robot.commanded == 0.0 and abs(robot.speed) < 0.01, "the robot stands again")
 
 
-def test_a_key_drives_while_it_is_held_and_the_pad_while_it_is_dragged(page, robot):
-    press(page, "Stop")
+def test_a_key_drives_while_it_is_held_and_the_pad_while_it_is_dragged(page, robot, network):
+    stand(page, network)
     page.keyboard.down("w")
     wait_until(lambda: robot.speed > 0.4, "the robot drives")
     page.keyboard.up("w")
@@ -429,7 +465,8 @@ def test_a_key_drives_while_it_is_held_and_the_pad_while_it_is_dragged(page, rob
     wait_until_it_stands(page, robot)
 
 
-def test_a_key_whose_release_the_browser_may_not_report_drives_no_more(page, robot):
+def test_a_key_whose_release_the_browser_may_not_report_drives_no_more(page, robot, network):
+    stand(page, network)
     takers = {
         "Command key": lambda: page.keyboard.down("Meta"),
         "context menu": lambda: page.click("text=Let go to stop", button="right"),
@@ -446,6 +483,7 @@ def test_a_key_whose_release_the_browser_may_not_report_drives_no_more(page, rob
 def test_the_emergency_stop_locks_for_every_page_and_released_leaves_the_robot_standing(
     page, robot, browser, launched, network
 ):
+    stand(page, network)
     press(page, "Start")
     show(page, "Log")  # the stop is above the tabs
     page.hover(E_STOP)
@@ -483,7 +521,8 @@ def test_a_double_click_on_the_emergency_stop_does_not_release_it(page, robot):
     wait_until(lambda: not robot.is_locked, "e_stop is released")
 
 
-def test_space_is_the_emergency_stop_even_with_a_button_in_focus(page, robot):
+def test_space_is_the_emergency_stop_even_with_a_button_in_focus(page, robot, network):
+    stand(page, network)
     page.get_by_role("button", name="Start", exact=True).focus()
     page.keyboard.press("Space")
     wait_until(lambda: robot.is_locked, "e_stop is sent")
@@ -596,9 +635,8 @@ def hover(page, x, y):
     wait_until(lambda: (cursor_at(SKY), cursor_at(y))[1] == "pointer", "there is something to drag")
 
 
-def test_a_box_is_put_where_the_ground_is_clicked_dragged_and_deleted(page, robot):
-    if page.get_by_role("button", name="Stop", exact=True).count():  # otherwise it is stopped already
-        press(page, "Stop")  # the camera follows the robot, and what is clicked must stay where it is seen
+def test_a_box_is_put_where_the_ground_is_clicked_dragged_and_deleted(page, robot, network):
+    stand(page, network)  # the camera follows the robot, and what is clicked must stay where it is seen
     wait_until(lambda: robot.commanded == 0.0 and abs(robot.speed) < 0.01, "the robot stands")
     before = robot.objects
     show(page, "World")
@@ -636,7 +674,8 @@ def connected(address, **headers):
     return connect(socket, subprotocols=[VISER], max_size=None, open_timeout=DRAW_TIMEOUT, **headers)
 
 
-def test_ten_more_clients_of_which_one_reads_nothing_disturb_nobody(page, robot, launched):
+def test_ten_more_clients_of_which_one_reads_nothing_disturb_nobody(page, robot, launched, network):
+    stand(page, network)
     clients = [connected(launched) for _ in range(10)]
     for client in clients[1:]:
         assert len(client.recv(DRAW_TIMEOUT)) > 100  # the scene

@@ -2,6 +2,8 @@
 
 import copy
 import sys
+import threading
+import time
 from types import SimpleNamespace
 
 import pytest
@@ -10,7 +12,9 @@ from page_elements import Element
 pytest.importorskip("rospy")
 pytest.importorskip("viser")
 
+import msgspec
 import rospy
+import viser
 import yaml
 from dynamic_reconfigure.encoding import (
     decode_config,
@@ -20,6 +24,7 @@ from dynamic_reconfigure.encoding import (
     initial_config,
 )
 from dynamic_reconfigure.parameter_generator_catkin import ParameterGenerator, double_t
+from websockets.sync.client import connect
 
 from husky_web import tuning
 from husky_web.parameters import to_yaml
@@ -58,10 +63,56 @@ def test_the_values_can_be_saved_after_a_change(config_type, monkeypatch):
     monkeypatch.setattr(tuning, "answer_of", answer)
     monkeypatch.setattr(rospy, "Subscriber", lambda *_, **__: None)
     changes, actions = [], SimpleNamespace(do=lambda work, *_: work())
-    server = _Server("/node", Element(), actions, changes.append)
+    server = _Server("/node", SimpleNamespace(gui=Element(), get_event_loop=Element), actions, changes.append)
     server._on_description(description)
     server._on_update(encode_config(copy.deepcopy(values)))
     for value in (0.6, 0.7):
         server.request({"p_gain": value}, None)
     assert yaml.safe_load(to_yaml({"/node": server.values})) == {"/node": {"p_gain": 0.7}}
     assert changes == ["p_gain 0.5 \u2192 0.6", "p_gain 0.6 \u2192 0.7"]
+
+
+CAMERA = {
+    "type": "ViewerCameraMessage",
+    **{"wxyz": (1.0, 0.0, 0.0, 0.0), "position": (0.0, 0.0, 0.0)},
+    **{"look_at": (1.0, 0.0, 0.0), "up_direction": (0.0, 0.0, 1.0)},
+    **{"fov": 1.0, "near": 0.1, "far": 10.0, "image_height": 10, "image_width": 10},
+}
+
+
+def wait_until(condition, what):
+    end = time.monotonic() + 60.0
+    while not condition():
+        assert time.monotonic() < end, f"waited until {what}"
+        time.sleep(0.01)
+
+
+def test_a_value_of_a_person_is_sent_although_the_answer_to_an_earlier_one_comes_meanwhile(
+    config_type, monkeypatch
+):
+    monkeypatch.setattr(rospy, "Subscriber", lambda *_, **__: None)
+    page, requests, is_ended = viser.ViserServer("127.0.0.1", 0, verbose=False), [], threading.Event()
+    try:
+        server = _Server("/node", page, SimpleNamespace(do=lambda *_: None), print)
+        monkeypatch.setattr(server, "request", lambda values, _client: requests.append(values))
+        server._on_description(encode_description(config_type))
+        server._on_update(encode_config({"p_gain": 0.5}))
+        slow = [page.gui.add_slider("slow", 0, 1, 1, 0) for _ in range(100)]  # more than viser has threads
+        for element in slow:
+            element.on_update(lambda _: is_ended.wait())
+        slider = server._fields["p_gain"]
+        address, protocol = f"ws://127.0.0.1:{page.get_port()}", f"viser-v{viser.__version__}"
+        with connect(address, subprotocols=[protocol]) as browser:
+            browser.send(msgspec.msgpack.encode(CAMERA))  # viser takes no value before it
+            for element, value in [(item, 1) for item in slow] + [(slider, 0.3)]:
+                change = {"type": "GuiUpdateMessage", "uuid": element._impl.uuid, "updates": {"value": value}}
+                browser.send(msgspec.msgpack.encode(change))
+            wait_until(lambda: slider.value == 0.3, "viser knows the person's value")
+            server._on_update(encode_config({"p_gain": 0.6}))  # answer to an earlier value
+            wait_until(lambda: slider.value == 0.6, "the answer is shown")
+            is_ended.set()
+            wait_until(lambda: requests, "the person's value is sent")
+        assert requests == [{"p_gain": 0.3}]
+    finally:
+        is_ended.set()
+        page.stop()
