@@ -327,10 +327,15 @@ def test_the_scene_fills_every_window_and_the_robot_is_in_the_middle_of_what_is_
     phone.wait_for_function(f"{charts}.width === 1280 && {charts}.bottom === 800")
     assert phone.locator(".husky-chart").count() == 4
     assert "stop_distance" in phone.locator(".husky-chart").first.text_content()
-    chart = box_of(phone, ".husky-chart svg")
-    phone.mouse.move(chart["x"] + 0.9 * chart["width"], chart["y"] + 0.5 * chart["height"])
-    values = phone.locator(".husky-cursor").text_content()
-    assert re.fullmatch(r"-\d+\.\d s: \d+\.\d\d", values), values
+
+    def value_at_the_mouse():
+        """The time and the value in the chart; no value where the page was not open yet."""
+        chart = box_of(phone, ".husky-chart svg")
+        phone.mouse.move(chart["x"] + 0.9 * chart["width"], chart["y"] + 0.5 * chart["height"])
+        return phone.locator(".husky-cursor").text_content()
+
+    is_value = re.compile(r"-\d+\.\d s: \d+\.\d\d").fullmatch
+    wait_until(lambda: is_value(value_at_the_mouse()), "the chart has a value at the mouse")
     top = phone.evaluate(f"{charts}.top")
     wait_until(lambda: yellow(phone)[0].max() < top * COARSENESS, "the robot is above the curves")
     phone.close()
