@@ -419,12 +419,10 @@ def test_a_slider_that_is_moved_slows_the_robot(page, robot, network):
     network.call("/husky_simulator/reset")  # 20 s to the pillar from here
     wait_until(lambda: robot.speed > 0.8, "the controller drives")
     network.call("/husky_simulator/pause")  # a slow page must not see it arrive meanwhile
+    slider.hover()  # waits until it stands still, and nothing is above it
     track = slider.locator("xpath=..").bounding_box()
-    thumb = slider.bounding_box()
-    y = thumb["y"] + thumb["height"] / 2.0
-    page.mouse.move(thumb["x"] + thumb["width"] / 2.0, y)
     page.mouse.down()
-    page.mouse.move(track["x"] + 0.3 * track["width"], y, steps=3)
+    page.mouse.move(track["x"] + 0.3 * track["width"], track["y"] + track["height"] / 2.0, steps=3)
     page.mouse.up()
     wait_until(lambda: 0.2 < float(slider.get_attribute("aria-valuenow")) < 0.4, "the slider is there")
     network.call("/husky_simulator/resume")
