@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+from contextlib import suppress
 from typing import Any, Callable, Dict, List, Optional, Tuple
 
 import rospy
@@ -110,6 +111,8 @@ class _Server:
         self._fields: Dict[str, Any] = {}  # field of each parameter in the page
         # requested value of each parameter; removed as soon as the value is sent
         self._unsent: Dict[str, Any] = {}
+        # value of each parameter that is sent, but not answered yet
+        self._sent: Dict[str, Any] = {}
         self._is_closed = False  # true as soon as the fields are removed, because the server has gone
         # lock of the values and fields, because callbacks of ROS and of viser come in several threads; a
         # thread that holds the lock may take it again, because `_show` is called with and without the lock
@@ -146,19 +149,29 @@ class _Server:
         """
         with self._lock:
             request, self._unsent = self._unsent, {}  # values that are sent now, by name
+            self._sent = request
         # the call is made without the lock, so that updates of the server can be shown meanwhile
         try:
             answer = answer_of(f"{self._name}/set_parameters", Reconfigure, encode_config(request))
         except HuskyError:
-            self._show(self.values)  # the fields show the server's values again, and not the requested ones
+            self._end_request(
+                self.values
+            )  # the fields show the server's values again, and not the requested ones
             raise
         values = self._decoded(answer.config)  # values that the server has now
-        self._show(values)
+        self._end_request(values)
         refused = []
         for name, value in request.items():
             if values.get(name) != value:
                 refused.append(f"{name} stays {values.get(name)}")
         return f"rejected by {self._name}: {', '.join(refused)}" if refused else None
+
+    def _end_request(self, values: Dict[str, Any]) -> None:
+        """Show the values that the server has after a request."""
+        # under one lock, so that no field shows the value before the request in between
+        with self._lock:
+            self._sent = {}
+            self._show(values)
 
     def _on_description(self, msg: ConfigDescription) -> None:
         """Make the fields of the server's parameters; they are made once."""
@@ -196,10 +209,11 @@ class _Server:
                 if self.values.get(name, value) != value:  # a first value is not a change
                     self._on_change(change_text(name, self.values[name], value))
             self.values = {**self.values, **values}
-        self._loop.call_soon_threadsafe(self._fill_fields)
+        with suppress(RuntimeError):  # raised after the end of the page, because its loop is closed
+            self._loop.call_soon_threadsafe(self._fill_fields)
 
     def _fill_fields(self) -> None:
-        """Show the kept values, except in fields whose request waits to be sent.
+        """Show the kept values, except in fields whose request waits to be sent or answered.
 
         Only viser's event loop calls this function. In the same loop, viser puts the value that a person has
         entered into the field, and `_on_field` reads it at once. Another thread that filled the fields could
@@ -208,7 +222,8 @@ class _Server:
         with self._lock:
             for parameter in self.parameters:
                 name, field = parameter.name, self._fields.get(parameter.name)
-                if field is None or name not in self.values or name in self._unsent:
+                is_requested = name in self._unsent or name in self._sent
+                if field is None or name not in self.values or is_requested:
                     continue
                 field.value = shown_value(parameter, self.values[name])
 
@@ -245,7 +260,9 @@ class _Server:
 
     def _on_field(self, parameter: Parameter, event: Any) -> None:
         """Request the value that a person has entered in a field."""
-        if event.client is None:  # `event.client` is None if `_show` has changed the field, and not a page
+        if (
+            event.client is None
+        ):  # `event.client` is None if `_fill_fields` has changed the field, and not a page
             return
         # a choice of an enumeration is shown by its name, but sent by its value
         value = dict(parameter.choices).get(event.target.value, event.target.value)

@@ -1,6 +1,7 @@
 """Tune tab: the values of a server after a change, as they are saved."""
 
 import copy
+import queue
 import sys
 import threading
 import time
@@ -27,6 +28,7 @@ from dynamic_reconfigure.parameter_generator_catkin import ParameterGenerator, d
 from websockets.sync.client import connect
 
 from husky_web import tuning
+from husky_web.actions import Actions
 from husky_web.parameters import to_yaml
 from husky_web.tuning import _Server
 
@@ -87,32 +89,81 @@ def wait_until(condition, what):
         time.sleep(0.01)
 
 
+@pytest.fixture
+def page():
+    page = viser.ViserServer("127.0.0.1", 0, verbose=False)
+    yield page
+    page.stop()
+
+
+@pytest.fixture
+def enter(page):
+    """Enters a value in a field, as a person does in a browser."""
+    address, protocol = f"ws://127.0.0.1:{page.get_port()}", f"viser-v{viser.__version__}"
+    with connect(address, subprotocols=[protocol], max_size=None) as browser:
+        browser.send(msgspec.msgpack.encode(CAMERA))  # viser takes no value before it
+
+        def send(field, value):
+            change = {"type": "GuiUpdateMessage", "uuid": field._impl.uuid, "updates": {"value": value}}
+            browser.send(msgspec.msgpack.encode(change))
+
+        yield send
+
+
 def test_a_value_of_a_person_is_sent_although_the_answer_to_an_earlier_one_comes_meanwhile(
-    config_type, monkeypatch
+    config_type, monkeypatch, page, enter
 ):
     monkeypatch.setattr(rospy, "Subscriber", lambda *_, **__: None)
-    page, requests, is_ended = viser.ViserServer("127.0.0.1", 0, verbose=False), [], threading.Event()
+    requests, is_ended = [], threading.Event()
+    server = _Server("/node", page, SimpleNamespace(do=lambda *_: None), print)
+    monkeypatch.setattr(server, "request", lambda values, _client: requests.append(values))
+    server._on_description(encode_description(config_type))
+    server._on_update(encode_config({"p_gain": 0.5}))
+    slow = [page.gui.add_slider("slow", 0, 1, 1, 0) for _ in range(100)]  # more than viser has threads
+    slider = server._fields["p_gain"]
     try:
-        server = _Server("/node", page, SimpleNamespace(do=lambda *_: None), print)
-        monkeypatch.setattr(server, "request", lambda values, _client: requests.append(values))
-        server._on_description(encode_description(config_type))
-        server._on_update(encode_config({"p_gain": 0.5}))
-        slow = [page.gui.add_slider("slow", 0, 1, 1, 0) for _ in range(100)]  # more than viser has threads
         for element in slow:
             element.on_update(lambda _: is_ended.wait())
-        slider = server._fields["p_gain"]
-        address, protocol = f"ws://127.0.0.1:{page.get_port()}", f"viser-v{viser.__version__}"
-        with connect(address, subprotocols=[protocol]) as browser:
-            browser.send(msgspec.msgpack.encode(CAMERA))  # viser takes no value before it
-            for element, value in [(item, 1) for item in slow] + [(slider, 0.3)]:
-                change = {"type": "GuiUpdateMessage", "uuid": element._impl.uuid, "updates": {"value": value}}
-                browser.send(msgspec.msgpack.encode(change))
-            wait_until(lambda: slider.value == 0.3, "viser knows the person's value")
-            server._on_update(encode_config({"p_gain": 0.6}))  # answer to an earlier value
-            wait_until(lambda: slider.value == 0.6, "the answer is shown")
-            is_ended.set()
-            wait_until(lambda: requests, "the person's value is sent")
-        assert requests == [{"p_gain": 0.3}]
+            enter(element, 1)
+        enter(slider, 0.3)
+        wait_until(lambda: slider.value == 0.3, "viser knows the person's value")
+        server._on_update(encode_config({"p_gain": 0.6}))  # answer to an earlier value
+        wait_until(lambda: slider.value == 0.6, "the answer is shown")
     finally:
         is_ended.set()
-        page.stop()
+    wait_until(lambda: requests, "the person's value is sent")
+    assert requests == [{"p_gain": 0.3}]
+
+
+def test_a_value_is_shown_until_it_is_answered_and_can_be_taken_back_meanwhile(
+    config_type, monkeypatch, page, enter
+):
+    monkeypatch.setattr(rospy, "Subscriber", lambda *_, **__: None)
+    requests, answers = [], queue.Queue()
+
+    def answer(_service, _kind, request):
+        requests.append(decode_config(request, config_type.config_description)["p_gain"])
+        return SimpleNamespace(config=encode_config({"p_gain": answers.get(timeout=60.0)}))
+
+    monkeypatch.setattr(tuning, "answer_of", answer)
+    server = _Server("/node", page, Actions(), lambda _: None)
+    server._on_description(encode_description(config_type))
+    server._on_update(encode_config({"p_gain": 0.5}))
+    slider = server._fields["p_gain"]
+    enter(slider, 0.6)
+    wait_until(lambda: requests == [0.6], "the first value is sent")
+    enter(slider, 0.7)
+    wait_until(lambda: server._unsent, "the second value waits")
+    answers.put(0.6)
+    wait_until(lambda: requests == [0.6, 0.7], "the second value is sent")
+    server._on_update(encode_config({"p_gain": 0.6}))  # the news of the first comes late
+    is_filled = threading.Event()
+    page.get_event_loop().call_soon_threadsafe(is_filled.set)  # behind all that fills the fields
+    assert is_filled.wait(60.0)
+    assert slider.value == 0.7
+    enter(slider, 0.6)
+    wait_until(lambda: server._unsent, "the first value waits again")
+    answers.put(0.7)
+    answers.put(0.6)
+    wait_until(lambda: requests == [0.6, 0.7, 0.6], "it is sent again")
+    wait_until(lambda: server.values["p_gain"] == slider.value == 0.6, "it is shown")
