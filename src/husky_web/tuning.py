@@ -154,9 +154,8 @@ class _Server:
         try:
             answer = answer_of(f"{self._name}/set_parameters", Reconfigure, encode_config(request))
         except HuskyError:
-            self._end_request(
-                self.values
-            )  # the fields show the server's values again, and not the requested ones
+            # the fields show the server's values again, and not the requested ones
+            self._end_request(self.values)
             raise
         values = self._decoded(answer.config)  # values that the server has now
         self._end_request(values)
@@ -168,7 +167,8 @@ class _Server:
 
     def _end_request(self, values: Dict[str, Any]) -> None:
         """Show the values that the server has after a request."""
-        # under one lock, so that no field shows the value before the request in between
+        # the lock is held for both lines, so that `_fill_fields` does not run between them, because it would
+        # show the values from before the request
         with self._lock:
             self._sent = {}
             self._show(values)
@@ -260,9 +260,8 @@ class _Server:
 
     def _on_field(self, parameter: Parameter, event: Any) -> None:
         """Request the value that a person has entered in a field."""
-        if (
-            event.client is None
-        ):  # `event.client` is None if `_fill_fields` has changed the field, and not a page
+        # `event.client` is None if `_fill_fields` has changed the field, and not a page
+        if event.client is None:
             return
         # a choice of an enumeration is shown by its name, but sent by its value
         value = dict(parameter.choices).get(event.target.value, event.target.value)

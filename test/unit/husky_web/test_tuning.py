@@ -1,4 +1,4 @@
-"""Tune tab: the values of a server after a change, as they are saved."""
+"""Tune tab: the values of a server after a change, as they are saved, and what its fields show and send."""
 
 import copy
 import queue
