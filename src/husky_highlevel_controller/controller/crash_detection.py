@@ -56,8 +56,8 @@ LATENESS = 0.05
 AFTER = 0.15  # [s] time after the collision over which the velocity is averaged
 BEFORE = 0.4  # [s] time before the collision over which the velocity is averaged
 MEMORY = 1.0  # [s] time over which the ground's vibration is averaged
-# [s] time after the first sample in which no crash is detected, on smooth ground and on rough ground; in this
-# time, the direction of gravity becomes known
+# [s] No crash is detected until the direction of gravity is known. It is known when the samples that have
+# corrected it last this long together, on smooth ground and on rough ground.
 LEARNING_TIME, LEARNING_ROUGH = 0.7, 1.1
 # [s] The detector starts again after a longer gap between two IMU samples. If the last message of odometry is
 # older than this, the speed of the wheels is unknown.
@@ -176,8 +176,8 @@ class CrashDetector:
         """Forget the judged samples, as after a jump of time; later samples are judged without them."""
         # unit vector upwards in the IMU's frame; None before the first sample
         self._vertical: Optional[Vector3] = None
-        # [s] Time constant of the filter of `_vertical`. It grows with the time since the first sample, up to
-        # LEVELLING_TIME. While it grows, `_vertical` is the mean of all samples.
+        # [s] Time constant of the filter of `_vertical`. It is the time of all samples that have corrected
+        # `_vertical`, up to LEVELLING_TIME. While it grows, `_vertical` is the mean of these samples.
         self._levelling_time = 0.0
         self._last_stamp = -inf  # [s] stamp of the last judged sample
         self._period = 0.0  # [s] time between the last two stamps
@@ -294,22 +294,22 @@ class CrashDetector:
     def _judge_sample(self, sample: ImuSample, imu_in_base: Quaternion) -> Optional[float]:
         """Add a sample to the stored ones; return the change of velocity [m/s] if there was a crash, or None.
 
-        The first sample, or a sample after a gap, only starts the detector again. A sample with the stamp of
-        the last sample is averaged with the last sample. An older sample is dropped.
+        The first sample, or a sample after a gap, only starts the detector again. The detector starts only
+        when the acceleration of the wheels is known, because it would take an unknown acceleration for a part
+        of gravity. A sample with the stamp of the last sample is averaged with the last sample. An older
+        sample is dropped.
         """
         duration = sample.stamp - self._last_stamp
         if self._vertical is None or abs(duration) > LONGEST_PERIOD:
             self.reset()
-            self._last_stamp, self._vertical = sample.stamp, unit(sample.specific_force)
+            if self._wheel_acceleration(sample.stamp) is not None:
+                self._last_stamp, self._vertical = sample.stamp, unit(sample.specific_force)
             return None
         if duration <= 0.0:
             if duration == 0.0 and self._increments:
                 self._average_into_last(sample, imu_in_base)
             return None
         self._last_stamp, self._period, self._samples_of_stamp = sample.stamp, duration, 1
-        # the direction of gravity is not known well at first and must be corrected quickly, so the time
-        # constant begins with the duration of one sample and grows to its final value
-        self._levelling_time = min(self._levelling_time + duration, LEVELLING_TIME)
         self._level_vertical(sample, duration, imu_in_base)
         self._increments.append(self._increment(sample, duration, imu_in_base))
         return self._judge_change()
@@ -336,34 +336,35 @@ class CrashDetector:
         """Update `_vertical`, the direction upwards in the IMU's frame, by a sample.
 
         First, the gyro turns the vertical. Then the accelerometer corrects it slowly, because without driving
-        the measured force points upwards. `duration` is the time since the last sample [s], which is above 0.
+        the measured force points upwards. If the acceleration of the wheels is unknown, the accelerometer
+        does not correct the vertical. `duration` is the time since the last sample [s], which is above 0.
         """
         assert self._vertical is not None
         # The IMU turns with the rate w, so the vertical in its frame turns by -(w x vertical) * duration.
         # `unit` returns None for a vector without a direction; then the vertical stays as it is.
         turn_rate = cross(sample.angular_velocity, self._vertical)
         self._vertical = unit(minus(self._vertical, turn_rate, duration)) or self._vertical
+        wheel_acceleration = self._wheel_acceleration(sample.stamp)
+        if wheel_acceleration is None:
+            return
+        # the direction of gravity is not known well at first and must be corrected quickly, so the time
+        # constant begins with the duration of one sample and grows to its final value
+        self._levelling_time = min(self._levelling_time + duration, LEVELLING_TIME)
+        # [m/s^2] force without the accelerations of the wheels and of the curve; without a shock, the rest is
+        # only gravity
+        ahead, left = self._ground_axes(imu_in_base)
+        force = minus(sample.specific_force, ahead, wheel_acceleration)
+        force = minus(force, left, self._curve_acceleration(sample))
         # [m/s^2] difference from the force that gravity causes along the present vertical
-        error = minus(self._force_without_driving(sample, imu_in_base), self._vertical, GRAVITY)
+        error = minus(force, self._vertical, GRAVITY)
         # a large error is a shock, so the error counts only up to the size LEVELLING_FORCE
         error_size = max(sqrt(dot(error, error)), 1e-6)
         counted_part = min(LEVELLING_FORCE / error_size, 1.0)
-        # A low-pass filter corrects the part duration / _levelling_time of the error. `_judge_sample` has
-        # already increased this time, so it is above 0. The error is divided by GRAVITY, because the error is
-        # a force, but the vertical has the length 1.
+        # A low-pass filter corrects the part duration / _levelling_time of the error. The error is divided by
+        # GRAVITY, because the error is a force, but the vertical has the length 1.
         pull = counted_part * duration / (self._levelling_time * GRAVITY)
         # subtracting -pull * error adds pull * error, so the vertical turns towards the force
         self._vertical = unit(minus(self._vertical, error, -pull)) or self._vertical
-
-    def _force_without_driving(self, sample: ImuSample, imu_in_base: Quaternion) -> Vector3:
-        """Return the measured force in the IMU's frame, without the accelerations by driving [m/s^2].
-
-        These are the acceleration of the wheels, and the one of the curve. Without a shock, the rest is only
-        gravity.
-        """
-        ahead, left = self._ground_axes(imu_in_base)
-        force = minus(sample.specific_force, ahead, self._wheel_acceleration(sample.stamp))
-        return minus(force, left, self._curve_acceleration(sample))
 
     def _ground_axes(self, imu_in_base: Quaternion) -> Tuple[Vector3, Vector3]:
         """Return unit vectors ahead and to the left along the ground, in the IMU's frame."""
@@ -373,21 +374,22 @@ class CrashDetector:
         ahead = unit(minus(ahead, self._vertical, dot(ahead, self._vertical))) or (1.0, 0.0, 0.0)
         return ahead, cross(self._vertical, ahead)
 
-    def _wheel_acceleration(self, stamp: float) -> float:
-        """Return the acceleration of the wheels at a time [m/s^2], by the last two messages before it.
+    def _wheel_acceleration(self, stamp: float) -> Optional[float]:
+        """Return the acceleration of the wheels at a time [m/s^2], by the messages before and after it.
 
-        It is 0 if there are no such messages, or if they are old.
+        If the next message has not come yet, the last two messages before this time count. The result is None
+        if the acceleration is unknown, because odometry begins later. If odometry has stopped, or has never
+        come, it may never come again, so the result is 0.
         """
+        if not self._wheel_speeds or stamp - self._wheel_speeds[-1][0] > LONGEST_PERIOD:
+            return 0.0
         # pairs of neighbouring messages, the newest pair first
         newest_first = reversed(self._wheel_speeds)
         one_older = islice(reversed(self._wheel_speeds), 1, None)
         for (later, later_speed), (earlier, earlier_speed) in zip(newest_first, one_older):
-            if later > stamp:
-                continue
-            if stamp - later > LONGEST_PERIOD:
-                return 0.0
-            return (later_speed - earlier_speed) / (later - earlier)
-        return 0.0
+            if earlier < stamp:
+                return (later_speed - earlier_speed) / (later - earlier)
+        return None
 
     def _curve_acceleration(self, sample: ImuSample) -> float:
         """Return the acceleration to the left that driving a curve causes [m/s^2]: speed times yaw rate."""
@@ -429,7 +431,8 @@ class CrashDetector:
         vibration, vibration_before = self._add_vibration(changes.squared_swing, end)
         # [s] from LEARNING_TIME on smooth ground to LEARNING_ROUGH on rough ground
         learning_time = LEARNING_TIME + _roughness(vibration) * (LEARNING_ROUGH - LEARNING_TIME)
-        # [s] time since the first sample; it stops at LEVELLING_TIME, which is longer than any learning time
+        # [s] time of the samples that have corrected the direction of gravity; it stops at LEVELLING_TIME,
+        # which is longer than any learning time
         learned_for = self._levelling_time
         if learned_for < learning_time:
             return None

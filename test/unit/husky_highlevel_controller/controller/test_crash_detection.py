@@ -176,7 +176,7 @@ STORIES = {
     "a crash while it brakes": (True, lambda: braking(0.25)),
     "a crash soon after it braked is not excused by that": (True, braked_before),
     "it learns the ground for half a second": (False, lambda: Drive().go(crash(0.3))),
-    "it has learned the ground": (True, lambda: Drive().go(crash(0.5))),
+    "it has learned the ground": (True, lambda: Drive(wheels_rate=50).go(crash(0.6))),
     "a short gap between samples": (True, lambda: gap(0.15)),
     "a gap of more than a fifth of a second is a new beginning": (False, lambda: gap(0.3)),
 }
@@ -227,6 +227,20 @@ def test_braking_soon_after_the_first_sample_is_no_crash_where_one_of_both_comes
         drive.step += round(gap * RATE)
     drive.go(push(0.8), 1.0)
     assert not drive.go(*reversing(2.67))
+
+
+@pytest.mark.parametrize("late", [{}, {"wheels_late": 0.4}, {"samples_late": 1.5}])
+@pytest.mark.parametrize("begin", [0.1, 0.3, 0.7, 1.5])
+def test_speeding_up_before_odometry_begins_is_no_crash(begin, late):
+    """The guard is connected to the IMU, but not yet to odometry, when the robot starts."""
+    drive = Drive(wheels_rate=50, **late)
+    speeding_up = np.concatenate([push(0.33, 3.0), push(2.67)])
+    speeds, lost = np.cumsum(speeding_up[:, 0]) / RATE, round(begin * RATE)
+    drive.wheels_every = len(speeds)
+    felt = drive.go(speeding_up[:lost], speeds[:lost])
+    drive.wheels_every = 2
+    assert not felt + drive.go(speeding_up[lost:], speeds[lost:]) + drive.go(push(2.0), 1.0)
+    assert drive.go(crash(after=2.0), 1.0)
 
 
 @pytest.mark.parametrize("late", [*LATE, {"wheels_late": 0.7}])
@@ -382,7 +396,7 @@ def test_on_rough_ground_most_losses_of_0_4_m_s_within_80_ms_are_felt_within_0_3
 
 @pytest.mark.parametrize(("seconds", "felt"), [(0.8, False), (1.3, True)])
 def test_rough_ground_is_forgotten_after_a_second_on_smooth_ground(seconds, felt):
-    drive = Drive()
+    drive = Drive(wheels_rate=50)
     drive.go(0.8 * vibration(3.0, FLOORING, 0))
     assert bool(drive.go(crash(seconds, ahead=-0.15 / 0.08))) is felt
 
