@@ -378,10 +378,13 @@ class CrashDetector:
         """Return the acceleration of the wheels at a time [m/s^2], by the messages before and after it.
 
         If the next message has not come yet, the last two messages before this time count. The result is None
-        if the acceleration is unknown, because odometry begins later. If odometry has stopped, or has never
-        come, it may never come again, so the result is 0.
+        if the acceleration is unknown, because odometry begins a little later. The result is 0 if odometry
+        has stopped, has never come, or comes from before a jump of time, because it may never come again.
         """
-        if not self._wheel_speeds or stamp - self._wheel_speeds[-1][0] > LONGEST_PERIOD:
+        if not self._wheel_speeds:
+            return 0.0
+        (first, _), (newest, _) = self._wheel_speeds[0], self._wheel_speeds[-1]
+        if not first - LONGEST_WAIT <= stamp <= newest + LONGEST_PERIOD:
             return 0.0
         # pairs of neighbouring messages, the newest pair first
         newest_first = reversed(self._wheel_speeds)

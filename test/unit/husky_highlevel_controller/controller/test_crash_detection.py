@@ -347,6 +347,14 @@ def test_a_jump_of_time_is_a_new_beginning_and_samples_that_waited_are_forgotten
     assert drive.go(crash())
 
 
+def test_a_crash_is_felt_after_a_jump_of_time_without_odometry():
+    drive = Drive()
+    drive.go(push(60.0), 1.0)
+    drive.step, drive.wheels_late = 0, 1e9  # the simulator was started again, and its odometry is silent
+    drive.go(push(4.0))
+    assert drive.go(crash())
+
+
 # ---------------------------------------------------------------------------- mount and slope
 
 angles = st.floats(-pi, pi)
