@@ -56,8 +56,8 @@ LATENESS = 0.05
 AFTER = 0.15  # [s] time after the collision over which the velocity is averaged
 BEFORE = 0.4  # [s] time before the collision over which the velocity is averaged
 MEMORY = 1.0  # [s] time over which the ground's vibration is averaged
-# [s] No crash is detected until the direction of gravity is known. It is known when the samples that have
-# corrected it last this long together, on smooth ground and on rough ground.
+# [s] No crash is detected until the direction of gravity is known. It is known when the durations of the
+# samples that have corrected it add up to this time, on smooth ground and on rough ground.
 LEARNING_TIME, LEARNING_ROUGH = 0.7, 1.1
 # [s] The detector starts again after a longer gap between two IMU samples. If the last message of odometry is
 # older than this, the speed of the wheels is unknown.
@@ -176,8 +176,9 @@ class CrashDetector:
         """Forget the judged samples, as after a jump of time; later samples are judged without them."""
         # unit vector upwards in the IMU's frame; None before the first sample
         self._vertical: Optional[Vector3] = None
-        # [s] Time constant of the filter of `_vertical`. It is the time of all samples that have corrected
-        # `_vertical`, up to LEVELLING_TIME. While it grows, `_vertical` is the mean of these samples.
+        # [s] Time constant of the filter of `_vertical`. It is the sum of the durations of the samples that
+        # have corrected `_vertical`, up to LEVELLING_TIME. While it grows, `_vertical` is the mean of these
+        # samples.
         self._levelling_time = 0.0
         self._last_stamp = -inf  # [s] stamp of the last judged sample
         self._period = 0.0  # [s] time between the last two stamps
@@ -213,7 +214,7 @@ class CrashDetector:
         # [s] Samples are judged in the order of their stamps, so no later sample is older than the last
         # judged sample. If that sample is newer than `newest`, the newest wheel speed must still stay.
         oldest_sample = min(newest, self._last_stamp)
-        # samples that come later than LONGEST_DELAY after their odometry are judged without wheel speeds
+        # samples that come later than LONGEST_DELAY after their odometry have no wheel speeds
         oldest_sample = max(oldest_sample, newest - LONGEST_DELAY)
         # [s] Time before a sample from which wheel speeds are needed. The change that is judged with the
         # sample ends LATENESS before the sample, and odometry may be shifted by `odometry_delay`.
@@ -252,6 +253,9 @@ class CrashDetector:
             return None
         if self._waiting_samples and sample.stamp < self._waiting_samples[-1][0].stamp - LONGEST_PERIOD:
             self._waiting_samples.clear()  # time goes back, and this is not just one sample that comes late
+        # no sample waits so long for its odometry, so time has gone back since this odometry
+        if self._wheel_speeds and sample.stamp < self._wheel_speeds[0][0] - LONGEST_WAIT:
+            self._wheel_speeds.clear()
         self._waiting_samples.append((sample, imu_in_base))
         # inf since the last odometry, unless an earlier sample has replaced it by its own stamp
         self._odometry_silent_since = min(self._odometry_silent_since, sample.stamp)
@@ -294,10 +298,10 @@ class CrashDetector:
     def _judge_sample(self, sample: ImuSample, imu_in_base: Quaternion) -> Optional[float]:
         """Add a sample to the stored ones; return the change of velocity [m/s] if there was a crash, or None.
 
-        The first sample, or a sample after a gap, only starts the detector again. The detector starts only
-        when the acceleration of the wheels is known, because it would take an unknown acceleration for a part
-        of gravity. A sample with the stamp of the last sample is averaged with the last sample. An older
-        sample is dropped.
+        The first sample, or a sample after a gap, starts the detector again and is not judged. The detector
+        does not start while odometry is about to begin, because it would take the unknown acceleration of the
+        wheels for a part of gravity. A sample with the stamp of the last sample is averaged with the last
+        sample. An older sample is dropped.
         """
         duration = sample.stamp - self._last_stamp
         if self._vertical is None or abs(duration) > LONGEST_PERIOD:
@@ -350,12 +354,8 @@ class CrashDetector:
         # the direction of gravity is not known well at first and must be corrected quickly, so the time
         # constant begins with the duration of one sample and grows to its final value
         self._levelling_time = min(self._levelling_time + duration, LEVELLING_TIME)
-        # [m/s^2] force without the accelerations of the wheels and of the curve; without a shock, the rest is
-        # only gravity
-        ahead, left = self._ground_axes(imu_in_base)
-        force = minus(sample.specific_force, ahead, wheel_acceleration)
-        force = minus(force, left, self._curve_acceleration(sample))
         # [m/s^2] difference from the force that gravity causes along the present vertical
+        force = self._force_without_driving(sample, wheel_acceleration, imu_in_base)
         error = minus(force, self._vertical, GRAVITY)
         # a large error is a shock, so the error counts only up to the size LEVELLING_FORCE
         error_size = max(sqrt(dot(error, error)), 1e-6)
@@ -365,6 +365,18 @@ class CrashDetector:
         pull = counted_part * duration / (self._levelling_time * GRAVITY)
         # subtracting -pull * error adds pull * error, so the vertical turns towards the force
         self._vertical = unit(minus(self._vertical, error, -pull)) or self._vertical
+
+    def _force_without_driving(
+        self, sample: ImuSample, wheel_acceleration: float, imu_in_base: Quaternion
+    ) -> Vector3:
+        """Return the measured force in the IMU's frame, without the accelerations by driving [m/s^2].
+
+        These are the acceleration of the wheels [m/s^2], and the one of the curve. Without a shock, the rest
+        is only gravity.
+        """
+        ahead, left = self._ground_axes(imu_in_base)
+        force = minus(sample.specific_force, ahead, wheel_acceleration)
+        return minus(force, left, self._curve_acceleration(sample))
 
     def _ground_axes(self, imu_in_base: Quaternion) -> Tuple[Vector3, Vector3]:
         """Return unit vectors ahead and to the left along the ground, in the IMU's frame."""
@@ -378,13 +390,10 @@ class CrashDetector:
         """Return the acceleration of the wheels at a time [m/s^2], by the messages before and after it.
 
         If the next message has not come yet, the last two messages before this time count. The result is None
-        if the acceleration is unknown, because odometry begins a little later. The result is 0 if odometry
-        has stopped, has never come, or comes from before a jump of time, because it may never come again.
+        if there are no two messages, because odometry is about to begin. The result is 0 if odometry has
+        stopped or has never come, because it may never come again.
         """
-        if not self._wheel_speeds:
-            return 0.0
-        (first, _), (newest, _) = self._wheel_speeds[0], self._wheel_speeds[-1]
-        if not first - LONGEST_WAIT <= stamp <= newest + LONGEST_PERIOD:
+        if not self._wheel_speeds or stamp - self._wheel_speeds[-1][0] > LONGEST_PERIOD:
             return 0.0
         # pairs of neighbouring messages, the newest pair first
         newest_first = reversed(self._wheel_speeds)
@@ -434,8 +443,8 @@ class CrashDetector:
         vibration, vibration_before = self._add_vibration(changes.squared_swing, end)
         # [s] from LEARNING_TIME on smooth ground to LEARNING_ROUGH on rough ground
         learning_time = LEARNING_TIME + _roughness(vibration) * (LEARNING_ROUGH - LEARNING_TIME)
-        # [s] time of the samples that have corrected the direction of gravity; it stops at LEVELLING_TIME,
-        # which is longer than any learning time
+        # [s] sum of the durations of the samples that have corrected the direction of gravity; it stops at
+        # LEVELLING_TIME, which is longer than any learning time
         learned_for = self._levelling_time
         if learned_for < learning_time:
             return None

@@ -176,7 +176,7 @@ STORIES = {
     "a crash while it brakes": (True, lambda: braking(0.25)),
     "a crash soon after it braked is not excused by that": (True, braked_before),
     "it learns the ground for half a second": (False, lambda: Drive().go(crash(0.3))),
-    "it has learned the ground": (True, lambda: Drive(wheels_rate=50).go(crash(0.6))),
+    "it has learned the ground": (True, lambda: Drive().go(crash(0.7))),
     "a short gap between samples": (True, lambda: gap(0.15)),
     "a gap of more than a fifth of a second is a new beginning": (False, lambda: gap(0.3)),
 }
@@ -231,9 +231,15 @@ def test_braking_soon_after_the_first_sample_is_no_crash_where_one_of_both_comes
 
 @pytest.mark.parametrize("late", [{}, {"wheels_late": 0.4}, {"samples_late": 1.5}])
 @pytest.mark.parametrize("begin", [0.1, 0.3, 0.7, 1.5])
-def test_speeding_up_before_odometry_begins_is_no_crash(begin, late):
+@pytest.mark.parametrize("restarted", [False, True])
+def test_speeding_up_before_odometry_begins_is_no_crash(restarted, begin, late):
     """The guard is connected to the IMU, but not yet to odometry, when the robot starts."""
     drive = Drive(wheels_rate=50, **late)
+    if restarted:
+        drive.go(push(10.0), 0.0)
+        drive.step = 0
+        drive.wheels.clear()
+        drive.samples.clear()
     speeding_up = np.concatenate([push(0.33, 3.0), push(2.67)])
     speeds, lost = np.cumsum(speeding_up[:, 0]) / RATE, round(begin * RATE)
     drive.wheels_every = len(speeds)
